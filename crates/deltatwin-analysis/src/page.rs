@@ -32,6 +32,8 @@ pub struct Origin {
     pub inputs: Vec<Input>,
     /// Warnings about these.
     pub warnings: Vec<String>,
+    /// What is known beside the data, such as the effect that a demo has hidden; may be empty.
+    pub note: String,
 }
 
 /// Page of a whole run.
@@ -42,6 +44,9 @@ pub fn of_run(a: &Analysis, model: &Model, data: &Data, origin: &Origin) -> Resu
     let d = &a.diagnosis;
     let mut page = begin(&format!("{}: what is missing", model.name), data, origin);
     headline(&mut page, d);
+    if !origin.note.is_empty() {
+        page.callout(Callout::Note, &origin.note);
+    }
     let delivered = a.delivered.held_out_rms.as_ref().unwrap_or(&a.delivered.rms);
     let identified = a.identification.held_out_rms.as_ref().unwrap_or(&a.identification.fitted.residuals.rms);
     let mut stages: Vec<(&str, &[f64])> = vec![("delivered", delivered), ("identified", identified)];

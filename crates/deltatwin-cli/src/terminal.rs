@@ -147,6 +147,7 @@ pub fn origin(stage: &str, model: Option<&Path>, inputs: &Inputs, warnings: &[St
         date: today(),
         inputs: Input::all(model, inputs)?,
         warnings: warnings.to_vec(),
+        note: String::new(),
     })
 }
 

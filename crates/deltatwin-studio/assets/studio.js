@@ -177,7 +177,7 @@
     const late = r.version !== current() && name !== "check";
     const stale = "This is of another version of the model; do it again for the one in use.";
     // The diagnosis says its verdict itself.
-    if (late || name !== "why") element(box, "div", { class: `callout ${r.good ? late ? "warning" : "good" : "bad"}` }, late ? stale : r.message);
+    if (late || name !== "why") element(box, "div", { class: `callout ${r.good ? late ? "warning" : "note" : "bad"}` }, late ? stale : r.message);
     command(box, r.command);
     const content = element(box, "div", { "data-part": name });
     part(name).then(html => {
@@ -290,7 +290,7 @@
       const row = element(box, "div", { class: "fields" });
       const select = element(element(row, "label", {}, "effect "), "select");
       const named = r && r.version === current() ? r.named : [];
-      for (const name of [...named, ...state.effects.filter(n => !named.includes(n))]) element(select, "option", { value: name }, name + (named.includes(name) ? " (named)" : ""));
+      for (const name of [...named, ...state.effects.filter(n => !named.includes(n) && n !== "rigid_bodies")]) element(select, "option", { value: name }, name + (named.includes(name) ? " (named)" : ""));
       const b = element(row, "button", { type: "button", class: "go" }, "Add it");
       b.disabled = busy() || !ok;
       b.onclick = () => act({ do: "add", effect: select.value });
@@ -309,7 +309,7 @@
     save(box) {
       element(box, "p", {}, "One page with everything found so far, that needs no server; and the folder itself is the session.");
       button(box, "Save the page", { do: "save" }, Object.keys(state.session.stages).length > 0);
-      if (state.saved) element(element(box, "p"), "a", { href: `/api/file?name=report.html&token=${token}`, target: "_blank", class: "file" }, "open report.html");
+      if (state.saved) element(element(box, "p"), "a", { href: `/api/file?name=report.html&token=${token}`, target: "_blank", class: "file" }, "saved: open report.html");
       element(box, "h3", {}, "The same on the command line");
       const chain = state.chain.map(k => state.session.versions[k].command).filter(c => c);
       for (const c of [`cd ${state.folder}`, result("check")?.command, ...chain, result("why")?.command]) command(box, c);

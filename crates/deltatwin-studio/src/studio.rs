@@ -98,13 +98,6 @@ impl Studio {
         Ok(result)
     }
 
-    /// Shows `message` in all windows.
-    pub(crate) fn tell(&self, message: String) {
-        let mut inner = self.lock();
-        inner.message = message;
-        inner.revision += 1;
-    }
-
     /// Keeps a file that came in.
     ///
     /// # Errors
@@ -198,7 +191,7 @@ impl Studio {
             "save" => {
                 let session = self.lock().session.clone();
                 crate::view::save(&self.folder, &session)?;
-                self.tell("saved as report.html in the folder of the session".into());
+                self.lock().revision += 1;
                 Ok(())
             }
             other => Err(miette!("nothing is called `{other}`")),

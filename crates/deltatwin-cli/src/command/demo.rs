@@ -100,7 +100,9 @@ fn write(args: &Args, campaign: &Campaign, findings: &Findings) -> miette::Resul
     let delivered = folder.join("delivered.toml");
     deltatwin_io::model::write(&campaign.model, &delivered)?;
     let inputs = Inputs { data: vec![files[0].clone()], held_out: vec![files[1].clone()], ..Inputs::default() };
-    let origin = origin("demo", Some(&delivered), &inputs, &[])?;
+    let mut origin = origin("demo", Some(&delivered), &inputs, &[])?;
+    let answer = if findings.right { "The diagnosis has found it." } else { "The diagnosis has not found it." };
+    origin.note = format!("Hidden in the robot was {}. {answer}", describe(campaign));
     files.push(delivered);
     files.extend(folder::write(folder, &findings.analysis, &campaign.model, &findings.data, &origin)?);
     #[cfg(feature = "viewer")]
