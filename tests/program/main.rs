@@ -14,5 +14,8 @@ mod gate;
 mod import;
 mod messages;
 mod reproduce;
+mod run;
+#[cfg(feature = "studio")]
+mod studio;
 mod study;
 mod watch;

@@ -2,7 +2,7 @@
 
 use crate::command::{
     add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, new, noise, plan, replay,
-    reproduce, shell, simulate, study, watch,
+    reproduce, run, shell, simulate, study, watch,
 };
 use crate::data::positive;
 use clap::{Parser, Subcommand};
@@ -29,6 +29,7 @@ pub struct Cli {
 #[derive(Subcommand)]
 pub enum Command {
     Demo(demo::Args),
+    Run(run::Args),
     Reproduce(reproduce::Args),
     Simulate(simulate::Args),
     New(new::Args),
@@ -44,6 +45,8 @@ pub enum Command {
     Effects(effects::Args),
     Forces(forces::Args),
     Plan(plan::Args),
+    #[cfg(feature = "studio")]
+    Studio(crate::command::studio::Args),
     Study(study::Args),
     Replay(replay::Args),
     Watch(watch::Args),

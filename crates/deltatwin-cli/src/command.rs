@@ -17,8 +17,11 @@ pub mod noise;
 pub mod plan;
 pub mod replay;
 pub mod reproduce;
+pub mod run;
 pub mod shell;
 pub mod simulate;
+#[cfg(feature = "studio")]
+pub mod studio;
 pub mod study;
 #[cfg(feature = "viewer")]
 pub mod view;

@@ -4,6 +4,7 @@ mod arguments;
 mod command;
 mod data;
 mod kind;
+mod report;
 mod terminal;
 
 use std::process::ExitCode;
@@ -78,6 +79,7 @@ fn print_json_error(error: Value) {
 fn run(command: Command) -> miette::Result<u8> {
     match &command {
         Command::Demo(args) => demo::run(args),
+        Command::Run(args) => command::run::run(args),
         Command::Reproduce(args) => reproduce::run(args),
         Command::Simulate(args) => simulate::run(args),
         Command::New(args) => new::run(args),
@@ -95,6 +97,8 @@ fn run(command: Command) -> miette::Result<u8> {
         Command::Plan(args) => plan::run(args),
         Command::Replay(args) => replay::run(args),
         Command::Watch(args) => watch::run(args),
+        #[cfg(feature = "studio")]
+        Command::Studio(args) => command::studio::run(args),
         Command::Study(args) => study::run(args),
         Command::Check(args) => check::run(args),
         Command::Completions(args) => shell::completions(args),

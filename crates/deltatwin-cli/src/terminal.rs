@@ -1,19 +1,21 @@
 //! Common terminal functions: text on stdout, warnings and progress on stderr, aligned tables, interruption.
 
 use std::io::{ErrorKind, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::{IntoDiagnostic, miette};
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use deltatwin::dynamics::Channel;
-use deltatwin::identification::Estimate;
 use deltatwin::machine::Mechanism;
 use deltatwin::model::Model;
 use deltatwin::text::significant;
+use deltatwin_analysis::Inputs;
+use deltatwin_analysis::folder::Input;
+use deltatwin_analysis::page::Origin;
 use deltatwin_io::{file, model};
 use deltatwin_report::Figure;
 
@@ -21,6 +23,7 @@ mod bars;
 mod text;
 
 pub use bars::error_bars;
+pub use deltatwin_analysis::json::{estimates, insert_channels, path, paths};
 use text::FIRM;
 use text::harmless;
 pub use text::{WIDTH, command, grouped, hanging, wrapped};
@@ -165,38 +168,21 @@ pub fn today() -> String {
     jiff::Timestamp::now().strftime("%Y-%m-%d").to_string()
 }
 
-/// A path as JSON.
-pub fn path(path: &Path) -> Value {
-    json!(path.display().to_string())
-}
-
-/// Paths as JSON.
-pub fn paths(files: &[PathBuf]) -> Value {
-    files.iter().map(|f| path(f)).collect()
-}
-
-/// Estimates as `{name: {value, std, unit}}`; value and standard error are null if the data do not determine the
-/// parameter individually.
-pub fn estimates(parameters: &[Estimate]) -> Value {
-    let entry = |p: &Estimate| {
-        let (value, std) = if p.identified() { (Some(p.value), Some(p.std)) } else { (None, None) };
-        (p.name.clone(), json!({"value": value, "std": std, "unit": p.unit.to_string()}))
-    };
-    Value::Object(parameters.iter().map(entry).collect())
-}
-
-/// Inserts per-channel values into a JSON object: the axes as `key`, the strut forces as `strut_<key>`.
-pub fn insert_channels(object: &mut Map<String, Value>, key: &str, channels: &[Channel], values: &[f64]) {
-    let axes = channels.iter().take_while(|c| c.drive().is_some()).count().min(values.len());
-    object.insert(key.into(), json!(values[..axes]));
-    if values.len() > axes {
-        object.insert(format!("strut_{key}"), json!(values[axes..]));
-    }
-}
-
-/// Names of channels as JSON.
-pub fn channel_names(channels: &[Channel]) -> Value {
-    channels.iter().map(|c| json!(c.to_string())).collect()
+/// Where the results of this command come from: the command line, program and date, and the inputs with their hashes.
+///
+/// # Errors
+/// If an input cannot be read.
+pub fn origin(stage: &str, model: Option<&Path>, inputs: &Inputs, warnings: &[String]) -> miette::Result<Origin> {
+    let rest = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
+    Ok(Origin {
+        command: std::iter::once("deltatwin".to_string()).chain(rest).collect(),
+        stage: stage.into(),
+        version: env!("CARGO_PKG_VERSION").into(),
+        date: today(),
+        inputs: Input::all(model, inputs)?,
+        warnings: warnings.to_vec(),
+        note: String::new(),
+    })
 }
 
 /// Rows of text in aligned columns; the first column is left-aligned.

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+use deltatwin_analysis::page::quoted;
 use textwrap::{Options, WordSplitter};
 
 /// A space at which no line is broken.
@@ -48,12 +49,6 @@ pub fn command(words: &[String], indent: usize) -> String {
         }
     }
     lines.join(" \\\n")
-}
-
-/// A word quoted for a shell if necessary.
-fn quoted(word: &str) -> String {
-    let plain = |c: char| c.is_alphanumeric() || "/._-+=:,@%".contains(c);
-    if !word.is_empty() && word.chars().all(plain) { word.into() } else { format!("'{}'", word.replace('\'', r"'\''")) }
 }
 
 /// Number of parameters per effect, in the order of the first of each, such as `drive_friction (3), rigid_bodies

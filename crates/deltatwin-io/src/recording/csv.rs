@@ -285,7 +285,8 @@ fn decimal(cell: &str, delimiter: u8) -> Cow<'_, str> {
     if delimiter != b',' && cell.contains(',') { cell.replacen(',', ".", 1).into() } else { cell.into() }
 }
 
-fn number(cell: &str, delimiter: u8) -> Option<f64> {
+/// The finite number in a cell, with a decimal point or comma.
+pub(super) fn number(cell: &str, delimiter: u8) -> Option<f64> {
     let value: f64 = match cell.parse() {
         Ok(value) => value,
         Err(_) => decimal(cell, delimiter).parse().ok()?,

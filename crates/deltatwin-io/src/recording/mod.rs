@@ -8,12 +8,14 @@ mod dialect;
 mod epoch;
 mod error;
 mod memory;
+mod preview;
 mod recorder;
 pub mod setup;
 
 pub use bag::{JointSample, Tail};
 pub use columns::Mapping;
 pub use error::ReadError;
+pub use preview::{Preview, PreviewColumn, preview};
 pub use recorder::{Head, Recorder};
 
 use std::path::Path;
