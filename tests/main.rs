@@ -33,6 +33,7 @@ mod r#loop;
 mod machines;
 mod model;
 mod motions;
+mod numerical;
 mod payload;
 mod planner;
 mod random;
