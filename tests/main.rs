@@ -34,6 +34,7 @@ mod machines;
 mod model;
 mod monitoring;
 mod motions;
+mod numerical;
 mod payload;
 mod planner;
 mod random;
