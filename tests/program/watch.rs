@@ -201,7 +201,7 @@ fn a_killed_watch_leaves_its_recording() {
     let out = program().args(["check", &partial, "--json"]).output().unwrap();
     let text = String::from_utf8_lossy(&out.stdout).into_owned();
     let csv = path(&folder, "tape.csv");
-    let exported = program().args(["export", &partial, "--csv", "-o", &csv]).output().unwrap();
+    let exported = program().args(["export", &partial, "--csv", &csv]).output().unwrap();
     assert!(exported.status.success(), "{text} {}", String::from_utf8_lossy(&exported.stderr));
     let rows = std::fs::read_to_string(&csv).unwrap().lines().count() - 1;
     assert!(rows as f64 * 0.002 > 4.0, "{rows} of {k} samples");
