@@ -191,7 +191,9 @@ fn a_killed_watch_leaves_its_recording() {
     while start.elapsed() < Duration::from_secs(5) {
         while f64::from(k) * 0.002 < start.elapsed().as_secs_f64() {
             let t = f64::from(k) * 0.002;
-            writeln!(out, "{t},{},0.3,0.3,0,1,1,1,0", 0.3 + 0.1 * t.sin()).unwrap();
+            let wave = |phase: f64| 0.3 + 0.1 * (3.0 * t + phase).sin();
+            let row: Vec<String> = (0..8).map(|c| wave(f64::from(c)).to_string()).collect();
+            writeln!(out, "{t},{}", row.join(",")).unwrap();
             k += 1;
         }
         std::thread::sleep(Duration::from_millis(10));
