@@ -48,8 +48,9 @@ impl Law {
 pub fn run_length(law: Law, reference: f64, threshold: f64, most: f64) -> f64 {
     let width = threshold / (STATES as f64 - 0.5);
     // Probability that S moves from the middle of state i to at most the upper end of state j, by j − i.
+    let cdf = |step: f64| if step >= most { 1.0 } else { law.cdf(reference + step) };
     let probabilities: Vec<f64> =
-        (0..2 * STATES).map(|shift| law.cdf(reference + (shift as f64 + 0.5 - STATES as f64) * width)).collect();
+        (0..2 * STATES).map(|shift| cdf((shift as f64 + 0.5 - STATES as f64) * width)).collect();
     let below = |i: usize, j: usize| probabilities[STATES + j - i];
     let moves = DMatrix::from_fn(STATES, STATES, |i, j| {
         let probability = if j == 0 { below(i, 0) } else { below(i, j) - below(i, j - 1) };
