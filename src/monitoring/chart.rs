@@ -40,15 +40,17 @@ impl Law {
     }
 }
 
-/// Average run length, in windows, of a chart with reference `reference` and threshold `threshold` that starts at zero.
+/// Average run length, in windows, of a chart with reference `reference` and threshold `threshold` that starts at zero,
+/// if one window adds at most `most`.
 ///
 /// The range of S is divided into states of equal width, the first of half a width around zero, and the mean times to
 /// absorption solve (I − P)·L = 1.
-pub fn run_length(law: Law, reference: f64, threshold: f64) -> f64 {
+pub fn run_length(law: Law, reference: f64, threshold: f64, most: f64) -> f64 {
     let width = threshold / (STATES as f64 - 0.5);
     // Probability that S moves from the middle of state i to at most the upper end of state j, by j − i.
+    let cdf = |step: f64| if step >= most { 1.0 } else { law.cdf(reference + step) };
     let probabilities: Vec<f64> =
-        (0..2 * STATES).map(|shift| law.cdf(reference + (shift as f64 + 0.5 - STATES as f64) * width)).collect();
+        (0..2 * STATES).map(|shift| cdf((shift as f64 + 0.5 - STATES as f64) * width)).collect();
     let below = |i: usize, j: usize| probabilities[STATES + j - i];
     let moves = DMatrix::from_fn(STATES, STATES, |i, j| {
         let probability = if j == 0 { below(i, 0) } else { below(i, j) - below(i, j - 1) };
@@ -62,13 +64,14 @@ pub fn run_length(law: Law, reference: f64, threshold: f64) -> f64 {
     }
 }
 
-/// Smallest threshold with an average run length of at least `length` windows.
+/// Smallest threshold with an average run length of at least `length` windows, each of which adds at most a third of it.
 pub fn threshold(law: Law, reference: f64, length: f64) -> f64 {
+    let is_short = |threshold: f64| run_length(law, reference, threshold, CLIP * threshold) < length;
     let mut high = 1.0;
-    while high < HIGHEST && run_length(law, reference, high) < length {
+    while high < HIGHEST && is_short(high) {
         high *= 2.0;
     }
-    let [_, high] = bisect([0.0, high], HALVINGS, |h| run_length(law, reference, h) < length);
+    let [_, high] = bisect([0.0, high], HALVINGS, is_short);
     high
 }
 
@@ -118,16 +121,16 @@ mod tests {
     use rand_distr::{Distribution, Gamma as GammaDistribution, StandardNormal};
 
     /// Tables of two-sided charts with k = 1/2 [Montgomery 2013, table 9.3]: 168 at h = 4, 465 at h = 5; one side alone
-    /// has twice that. Siegmund's approximation exp(b)·2 − 2·b − 2, b = h + 1.166, of one side gives 335 and 930 too.
+    /// has twice that. Siegmund's approximation 2·(exp(b) − b − 1), b = h + 1.166, of one side gives 338 and 938.
     #[test]
     fn run_lengths_are_those_of_the_tables() {
         for (h, two_sided) in [(4.0, 168.0), (5.0, 465.0)] {
-            let found = run_length(Law::Normal, 0.5, h);
+            let found = run_length(Law::Normal, 0.5, h, f64::INFINITY);
             assert!((found / (2.0 * two_sided) - 1.0).abs() < 0.01, "{h}: {found}");
         }
-        let h = threshold(Law::Normal, 0.5, 930.0);
-        assert!((h - 5.0).abs() < 0.02, "{h}");
-        assert!((run_length(Law::Energy(20.0), 1.2, threshold(Law::Energy(20.0), 1.2, 1e7)) / 1e7 - 1.0).abs() < 1e-3);
+        let h = threshold(Law::Energy(20.0), 1.2, 1e7);
+        assert!((run_length(Law::Energy(20.0), 1.2, h, h / 3.0) / 1e7 - 1.0).abs() < 1e-3, "{h}");
+        assert!(threshold(Law::Normal, 0.5, 930.0) < 5.0, "what is clipped reaches less far");
     }
 
     /// Alarms of 400 000 windows at an average run length of 2000: 200 ± 14, three standard deviations each way.

@@ -191,7 +191,9 @@ fn a_killed_watch_leaves_its_recording() {
     while start.elapsed() < Duration::from_secs(5) {
         while f64::from(k) * 0.002 < start.elapsed().as_secs_f64() {
             let t = f64::from(k) * 0.002;
-            writeln!(out, "{t},{},0.3,0.3,0,1,1,1,0", 0.3 + 0.1 * t.sin()).unwrap();
+            let wave = |phase: f64| 0.3 + 0.1 * (3.0 * t + phase).sin();
+            let row: Vec<String> = (0..8).map(|c| wave(f64::from(c)).to_string()).collect();
+            writeln!(out, "{t},{}", row.join(",")).unwrap();
             k += 1;
         }
         std::thread::sleep(Duration::from_millis(10));
@@ -201,7 +203,7 @@ fn a_killed_watch_leaves_its_recording() {
     let out = program().args(["check", &partial, "--json"]).output().unwrap();
     let text = String::from_utf8_lossy(&out.stdout).into_owned();
     let csv = path(&folder, "tape.csv");
-    let exported = program().args(["export", &partial, "--csv", "-o", &csv]).output().unwrap();
+    let exported = program().args(["export", &partial, "--csv", &csv]).output().unwrap();
     assert!(exported.status.success(), "{text} {}", String::from_utf8_lossy(&exported.stderr));
     let rows = std::fs::read_to_string(&csv).unwrap().lines().count() - 1;
     assert!(rows as f64 * 0.002 > 4.0, "{rows} of {k} samples");

@@ -44,7 +44,7 @@ impl Mesh {
             }
             for k in 0..ROUND as u32 {
                 let i = first + 2 * k;
-                mesh.triangles.extend([[i, i + 1, i + 2], [i + 1, i + 3, i + 2]]);
+                mesh.triangles.extend([[i, i + 2, i + 1], [i + 1, i + 2, i + 3]]);
             }
         }
         mesh
@@ -60,15 +60,20 @@ impl Mesh {
         let mut mesh = Self::default();
         for k in 0..4 {
             let next = (k + 1) % 4;
-            mesh.face(&[start[k], end[k], end[next], start[next]]);
+            mesh.face(&[start[k], start[next], end[next], end[k]]);
         }
-        mesh.face(&start);
-        mesh.face(&[end[3], end[2], end[1], end[0]]);
+        mesh.face(&[start[3], start[2], start[1], start[0]]);
+        mesh.face(&end);
         mesh
     }
 
-    /// A plate of the given half thickness, m, about a convex polygon at z = 0, counterclockwise from above.
+    /// A plate of the given half thickness, m, about a convex polygon at z = 0.
     pub fn plate(outline: &[Vector3<f64>], half: f64) -> Self {
+        let mut outline = outline.to_vec();
+        let area: f64 = (1..outline.len()).map(|k| outline[k - 1].cross(&outline[k]).z).sum();
+        if area < 0.0 {
+            outline.reverse();
+        }
         let level = |z: f64| outline.iter().map(|p| p + Vector3::z() * z).collect::<Vec<_>>();
         let (bottom, top) = (level(-half), level(half));
         let mut mesh = Self::default();
@@ -145,6 +150,8 @@ mod tests {
         assert!((volume(&frustum) - (4.0 + 1.0 + 2.0)).abs() < 1e-12, "{}", volume(&frustum));
         let square = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|[x, y]| Vector3::new(x, y, 0.0));
         assert!((volume(&Mesh::plate(&square, 0.25)) - 2.0).abs() < 1e-12);
+        let clockwise = [square[3], square[2], square[1], square[0]];
+        assert!((volume(&Mesh::plate(&clockwise, 0.25)) - 2.0).abs() < 1e-12);
         let both = frustum.clone().and(cylinder.clone());
         assert!((volume(&both) - volume(&frustum) - volume(&cylinder)).abs() < 1e-12);
         assert!(both.normals.iter().all(|n| (n.norm() - 1.0).abs() < 1e-12));
