@@ -28,7 +28,7 @@
 //! # }
 //! ```
 //!
-//! Quantities are in SI units, angles in rad; the frames are those of the README. The modules are in the order of the
+//! Quantities are in SI units, angles in rad; the frames are those of the model files. The modules are in the order of the
 //! data flow, and a module uses only those above it. Principles of the library:
 //!
 //! - Every law is implemented once, as wrenches per unit of its parameters, so the twin and the regressor always
