@@ -14,8 +14,10 @@ const MEMORY: u64 = 3 << 20;
 /// How a command ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum End {
-    /// With an answer or a refusal.
-    Sound,
+    /// With an answer, yes or no.
+    Answer,
+    /// With a refusal of the input.
+    Refusal,
     /// With a panic.
     Panic,
     /// By a signal, such as for want of memory.
@@ -32,9 +34,7 @@ const NUMBERS: [&str; 8] = ["0", "-1", "1e-300", "1e300", "nan", "1", "0.5", "99
 
 /// A random command line in a folder with `models/`, `scenarios/`, `run.csv` and `run.mcap`, of which some are mutated.
 pub fn line(random: &mut ChaCha8Rng) -> Vec<String> {
-    let model =
-        || format!("models/{}.toml", MODELS.choose(&mut rand_chacha::ChaCha8Rng::clone(random)).unwrap_or(&MODELS[0]));
-    let model = model();
+    let model = format!("models/{}.toml", MODELS.choose(random).unwrap_or(&MODELS[0]));
     let data = if random.random_bool(0.5) { "run.csv" } else { "run.mcap" }.to_string();
     let scenario = format!("scenarios/{}.toml", SCENARIOS.choose(random).unwrap_or(&SCENARIOS[0]));
     let words = |text: &str| text.split(' ').map(String::from).collect::<Vec<_>>();
@@ -95,7 +95,8 @@ pub fn run(program: &Path, folder: &Path, line: &[String], longest: Duration) ->
     };
     Ok(match status.code() {
         Some(0) if is_nonsense(folder, &out, line) => End::Nonsense,
-        Some(0..=2) => End::Sound,
+        Some(0 | 1) => End::Answer,
+        Some(2) => End::Refusal,
         Some(_) => End::Panic,
         None => End::Abort,
     })

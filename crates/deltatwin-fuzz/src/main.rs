@@ -77,14 +77,16 @@ fn run(args: &Args) -> std::io::Result<u64> {
         let ends = commands(&program.canonicalize()?, args, folder.path(), &seed_files)?;
         let count = |end: End| ends.get(&format!("{end:?}")).copied().unwrap_or(0);
         println!(
-            "commands  {:>7} tried, {} panics, {} aborts, {} hangs, {} nonsense",
+            "commands  {:>7} tried: {} answers, {} refusals, {} panics, {} aborts, {} hangs, {} nonsense",
             args.commands,
+            count(End::Answer),
+            count(End::Refusal),
             count(End::Panic),
             count(End::Abort),
             count(End::Hang),
             count(End::Nonsense)
         );
-        found += args.commands - count(End::Sound);
+        found += args.commands - count(End::Answer) - count(End::Refusal);
     }
     Ok(found)
 }
@@ -190,7 +192,8 @@ fn readers(
     let _ = std::panic::take_hook();
     match made.get(target.file) {
         Some(bytes) => std::fs::write(&file, bytes)?,
-        None => std::fs::remove_file(&file)?,
+        None if args.inputs > 0 => std::fs::remove_file(&file)?,
+        None => {}
     }
     Ok((args.inputs, bad))
 }
@@ -215,7 +218,7 @@ fn commands(
             std::fs::write(folder.join(name), mutation::mutated(&files[name], other, &mut random))?;
         }
         let end = command::run(program, folder, &line, Duration::from_secs(LONGEST))?;
-        if end != End::Sound {
+        if !matches!(end, End::Answer | End::Refusal) {
             let kept = args.findings.join(format!("command-{}-{k}-{end:?}", args.seed));
             std::fs::create_dir_all(&kept)?;
             std::fs::write(kept.join("line.txt"), line.join(" "))?;
