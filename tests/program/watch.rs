@@ -223,7 +223,6 @@ fn hostile_messages_cost_a_warning() {
     let huge = format!("{{\"t\": 1, \"q\": [{}]}}", "1,".repeat(2_000_000));
     let deep = "[".repeat(1_000_000);
     let messages = [
-        "",
         "x",
         "{}",
         "null",
@@ -248,7 +247,7 @@ fn hostile_messages_cost_a_warning() {
     let verdict = verdict(&out);
     assert_eq!(
         (&verdict["state"], verdict["samples"]["unusable_messages"].as_u64()),
-        (&Value::from("learning"), Some(10))
+        (&Value::from("learning"), Some(9))
     );
 }
 
@@ -260,7 +259,7 @@ fn wrong_invocations_are_refused() {
         assert_eq!(out.status.code(), Some(2), "{arguments:?}");
         String::from_utf8_lossy(&out.stderr).into_owned()
     };
-    assert!(refused(&[]).contains("--follow"));
+    assert!(refused(&[]).contains("--mqtt"));
     assert!(refused(&["--mqtt", "127.0.0.1", "--topic", "a"]).contains("expected mqtt://HOST"));
     assert!(refused(&["--mqtt", "mqtt://127.0.0.1:9", "--topic", "a"]).contains("no broker answers"));
     assert!(refused(&["--follow", "none.csv"]).contains("none.csv"));

@@ -44,6 +44,8 @@ pub struct Inbox {
     astray: Vec<Sample>,
     /// Added to the machine's times after its clock was set back, s.
     shift: f64,
+    /// Whether the next sample is the first one of a new clock.
+    is_new_clock: bool,
     counts: Counts,
 }
 
@@ -62,6 +64,7 @@ impl Inbox {
             dt: None,
             astray: Vec::new(),
             shift: 0.0,
+            is_new_clock: false,
             counts: Counts::default(),
         }
     }
@@ -78,7 +81,8 @@ impl Inbox {
 
     /// Puts a sample in; it is passed on by [`Self::take`].
     pub fn put(&mut self, sample: Sample) {
-        let sample = Sample { t: sample.t + self.shift, ..sample };
+        // In whole nanoseconds, as recordings have them.
+        let sample = Sample { t: key(sample.t + self.shift) as f64 / 1e9, ..sample };
         let newest = self.waiting.last_key_value().map(|(_, s)| s.t).or(self.last);
         if newest.is_some_and(|newest| (sample.t - newest).abs() > LEAP) {
             self.lead_astray(sample);
@@ -104,7 +108,7 @@ impl Inbox {
         let held = std::mem::take(&mut self.astray);
         // Whatever waited belongs to the time before.
         let newest = self.waiting.last_key_value().map(|(_, s)| s.t).or(self.last).unwrap_or(0.0);
-        self.last = None;
+        self.is_new_clock = true;
         let first = held.iter().map(|s| s.t).fold(f64::INFINITY, f64::min);
         // Times of the monitor increase: a clock that was set back goes on after what was there.
         let onward = if first < newest { newest + 1.0 - first } else { 0.0 };
@@ -112,7 +116,10 @@ impl Inbox {
         self.counts.restarts += 1;
         self.counts.missing += self.waiting.len() as u64;
         self.waiting.clear();
-        self.waiting.extend(held.into_iter().map(|s| (key(s.t + onward), Sample { t: s.t + onward, ..s })));
+        for sample in held {
+            let time = key(sample.t + onward);
+            self.waiting.insert(time, Sample { t: time as f64 / 1e9, ..sample });
+        }
     }
 
     /// Samples that are next in order, without a gap that may still be filled.
@@ -123,7 +130,7 @@ impl Inbox {
         let dt = *self.dt.get_or_insert_with(|| sample_time(&self.waiting.values().map(|s| s.t).collect::<Vec<_>>()));
         let mut out = Vec::new();
         while let Some((&first, sample)) = self.waiting.first_key_value() {
-            let gap = self.last.map_or(0.0, |last| sample.t - last);
+            let gap = self.gap(sample);
             let newest = self.waiting.last_key_value().map_or(sample.t, |(_, s)| s.t);
             if gap > GAP * dt && newest - sample.t < self.patience && self.waiting.len() < WAITING {
                 break;
@@ -138,10 +145,15 @@ impl Inbox {
         let dt = self.dt.unwrap_or(f64::INFINITY);
         let mut out = Vec::new();
         while let Some((&first, sample)) = self.waiting.first_key_value() {
-            let gap = self.last.map_or(0.0, |last| sample.t - last);
+            let gap = self.gap(sample);
             self.pass(first, gap, dt, &mut out);
         }
         out
+    }
+
+    /// Time since the last sample passed on, s; zero for the first one and for that of a new clock.
+    fn gap(&self, sample: &Sample) -> f64 {
+        self.last.filter(|_| !self.is_new_clock).map_or(0.0, |last| sample.t - last)
     }
 
     fn pass(&mut self, first: i64, gap: f64, dt: f64, out: &mut Vec<Sample>) {
@@ -150,6 +162,7 @@ impl Inbox {
             self.counts.missing += (gap / dt).round() as u64 - 1;
         }
         self.last = Some(sample.t);
+        self.is_new_clock = false;
         self.counts.taken += 1;
         out.push(sample);
     }
