@@ -28,7 +28,7 @@
 //! # }
 //! ```
 //!
-//! Quantities are in SI units, angles in rad; the frames are those of the README. The modules are in the order of the
+//! Quantities are in SI units, angles in rad; the frames are those of the model files. The modules are in the order of the
 //! data flow, and a module uses only those above it. Principles of the library:
 //!
 //! - Every law is implemented once, as wrenches per unit of its parameters, so the twin and the regressor always
@@ -62,7 +62,7 @@ pub mod scenario;
 
 pub mod twin;
 
-// Statistics, identification, design of motions, constraint forces, planning and diagnosis.
+// Statistics, identification, design of motions, constraint forces, planning, monitoring and diagnosis.
 pub mod evidence;
 
 pub mod identification;
@@ -76,5 +76,7 @@ pub mod constraint_forces;
 pub mod planner;
 
 pub mod comparison;
+
+pub mod monitoring;
 
 pub mod diagnosis;

@@ -1,4 +1,4 @@
-//! Median of a series, and bisection for the value at which a condition becomes false.
+//! Median and standard deviation of a series, and bisection for the value at which a condition becomes false.
 
 use std::convert::Infallible;
 
@@ -7,6 +7,13 @@ use statrs::statistics::{Data, OrderStatistics};
 /// Median of `values`: the mean of the middle two for an even number, NaN without values.
 pub fn median(values: impl IntoIterator<Item = f64>) -> f64 {
     Data::new(values.into_iter().collect::<Vec<f64>>()).median()
+}
+
+/// Standard deviation of `values` about their mean, with the divisor n; zero without values.
+pub fn deviation(values: &[f64]) -> f64 {
+    let count = values.len().max(1) as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / count).sqrt()
 }
 
 /// Subinterval of `bracket` after a number of `halvings`, around the largest value at which `holds` is true.

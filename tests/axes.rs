@@ -9,6 +9,7 @@ use crate::machines::{run, turntable};
 use deltatwin::diagnosis::{Diagnosis, Verdict, diagnose};
 use deltatwin::effects::formula::{Expression, Formula, Place, Term};
 use deltatwin::effects::{ActiveEffect, cogging, find};
+use deltatwin::gate::{Problem, examine};
 use deltatwin::identification::Dataset;
 use deltatwin::identification::initial::axis;
 use deltatwin::machine::{Joint, Mechanism, Setup};
@@ -216,6 +217,24 @@ fn rotor(seed: u64) -> Recording {
         }
     }
     Recording { name: format!("rotor {seed}"), signals, ..Recording::default() }
+}
+
+/// Incremental encoders count from anywhere; the weight tells where. The mirrored angle explains nearly as much of it.
+#[test]
+fn another_zero_of_a_lone_axis_is_named_with_its_remedy() {
+    let mut pendulum = turntable();
+    pendulum.effects.push(effect("axis_gravity", &[&[6.0], &[-3.0]]));
+    let (recording, _) = run(&pendulum, &pendulum, &Setup::default(), 4.0, 43, true);
+    assert!(examine(&pendulum, &Dataset::new(&recording)).iter().all(|f| !f.severe));
+    for shift in [0.7, 1.5, -2.2] {
+        let mut shifted = recording.clone();
+        shifted.signals.q.iter_mut().for_each(|q| q[0] += shift);
+        let found = examine(&pendulum, &Dataset::new(&shifted));
+        let [zero] = &found.iter().filter(|f| f.severe).collect::<Vec<_>>()[..] else { panic!("{found:?}") };
+        assert_eq!(zero.problem, Problem::Zero, "{shift}");
+        let (value, _) = zero.evidence.value.expect("an angle");
+        assert!((value + shift).abs() < 0.02, "{value} for {shift}");
+    }
 }
 
 #[test]

@@ -184,9 +184,10 @@ fn effects_act_on_nothing_but_the_parts_they_name() {
 }
 
 #[test]
-fn the_effect_of_the_readme_works_as_it_stands() {
-    let (readme, code) = (std::fs::read_to_string("README.md").unwrap(), include_str!("effects/platform_damper.rs"));
-    assert!(readme.contains(&format!("```rust\n{code}```\n")), "the README shows another file");
+fn the_effect_of_the_documentation_works_as_it_stands() {
+    let (page, code) =
+        (std::fs::read_to_string("docs/contributing.md").unwrap(), include_str!("effects/platform_damper.rs"));
+    assert!(page.contains(&format!("```rust\n{code}```\n")), "the documentation shows another file");
     // 3 N·s/m at v: the drives give 3·|v|² more, wherever the robot stands and however it moves.
     let base = model(NOMINAL);
     let mut damped = base.clone();

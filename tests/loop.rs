@@ -20,11 +20,16 @@ fn model(name: &str) -> Model {
 }
 
 fn run(robot: &Model, seed: u64, duration: f64, noise: bool) -> (Recording, Report) {
+    moved(robot, 0.45, seed, duration, noise)
+}
+
+/// A run that uses `share` of the drives' limits.
+fn moved(robot: &Model, share: f64, seed: u64, duration: f64, noise: bool) -> (Recording, Report) {
     let nominal = model("irb360-6-1600");
     let setup = Setup { torque_noise: Some([0.4, 0.4, 0.4, 0.05]), ..Setup::default() };
     let believed = Plant::new(&nominal, &setup);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let motion = FourierMotion::random(&believed, &MotionLimits::of(&nominal, 0.45), 0.1, 10, &mut rng);
+    let motion = FourierMotion::random(&believed, &MotionLimits::of(&nominal, share), 0.1, 10, &mut rng);
     let options = Options { duration, substeps: 2, noise_seed: noise.then_some(seed), ..Options::default() };
     simulate(robot, &setup, &believed, &|t| motion.at(t), &options, &mut |_| true).expect("a feasible motion")
 }
@@ -107,6 +112,20 @@ fn hidden_socket_friction_is_named_and_taken_back_by_its_own_parameter() {
     for (after, floor) in d.rms_after.iter().zip(&d.noise_floor) {
         assert!(*after < 1.1 * floor, "{:?} {:?}", d.rms_after, d.noise_floor);
     }
+}
+
+/// Drag grows with the square of the speed, so a slower motion shows a small part of it.
+#[test]
+fn drag_is_named_although_the_held_out_motion_is_slower() {
+    let mut robot = perturbed();
+    robot.effects.push(ActiveEffect::new(find("air_drag").unwrap(), &[&[5.0]]));
+    let [fast, slow] = [(0.45, 4), (0.12, 14)].map(|(share, seed)| moved(&robot, share, seed, 8.0, true).0);
+    let nominal = model("irb360-6-1600");
+    let d = diagnose(&nominal, &[Dataset::new(&fast)], &[Dataset::new(&slow)], &mut |_| {}).unwrap();
+    assert_eq!(d.verdict, Verdict::Effect, "{:?}", d.effects);
+    assert_eq!(d.effects[0].name, "air_drag");
+    let drag = &d.effects[0].parameters[0];
+    assert!((drag.value - 5.0).abs() < 4.0 * drag.std, "{} ± {}", drag.value, drag.std);
 }
 
 #[test]

@@ -6,7 +6,7 @@ mod oracle;
 #[path = "common/snapshot.rs"]
 mod snapshot;
 
-/// What a file of the library's effects sees around it, for the example of the README.
+/// What a file of the library's effects sees around it, for the example of the documentation.
 mod effects {
     pub use deltatwin::effects::*;
     pub mod platform_damper;
@@ -32,7 +32,9 @@ mod links;
 mod r#loop;
 mod machines;
 mod model;
+mod monitoring;
 mod motions;
+mod numerical;
 mod payload;
 mod planner;
 mod random;

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Crates that only those around the library may use.
-const OUTSIDE: [&str; 22] = [
+const OUTSIDE: [&str; 23] = [
     "clap",
     "clap_complete",
     "clap_mangen",
@@ -20,25 +20,29 @@ const OUTSIDE: [&str; 22] = [
     "plotters",
     "rapier3d",
     "rerun",
+    "rumqttc-v4-next",
     "rusqlite",
     "serde",
     "serde_json",
     "tempfile",
     "textwrap",
+    "tiny_http",
     "toml",
     "toml_edit",
     "yaml-rust2",
 ];
 
 /// Crates that one of those around the library alone uses, and which one.
-const ALONE: [(&str, &str); 10] = [
+const ALONE: [(&str, &str); 11] = [
     ("csv", "deltatwin-io"),
     ("mcap", "deltatwin-io"),
     ("mesh-loader", "deltatwin-cell"),
     ("parquet", "deltatwin-study"),
     ("parry3d", "deltatwin-cell"),
     ("rapier3d", "deltatwin-cell"),
+    ("rumqttc-v4-next", "deltatwin-watch"),
     ("rusqlite", "deltatwin-io"),
+    ("tiny_http", "deltatwin-studio"),
     ("toml", "deltatwin-io"),
     ("toml_edit", "deltatwin-io"),
     ("yaml-rust2", "deltatwin-io"),

@@ -115,8 +115,15 @@ impl Recording {
             .collect();
         let machine = model.map(|m| m.inner.mechanism);
         let read = py.detach(|| {
-            let how =
-                Reading { setup: setup.as_deref(), machine, maps: &maps, joint: joint.as_deref(), rate, gear_ratio };
+            let how = Reading {
+                setup: setup.as_deref(),
+                machine,
+                maps: &maps,
+                joint: joint.as_deref(),
+                rate,
+                gear_ratio,
+                ..Reading::default()
+            };
             deltatwin_io::recording::read_as(&path, &how)
         });
         let (inner, warnings) = read.map_err(|e| errors::read(py, &e))?;

@@ -1,7 +1,8 @@
 //! Evidence about every candidate, found or not, with p value and probability from the same ranking.
 
 use super::answer::Named;
-use super::search::{DELAY, Found};
+use super::search::Found;
+use super::search::lag::DELAY;
 use crate::evidence::{Assessment, Visibility};
 
 /// Evidence about one candidate.

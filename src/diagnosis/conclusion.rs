@@ -196,7 +196,12 @@ pub(super) fn explained(before: &[f64], without: &[f64], with: &[f64], floor: &[
 
 /// Estimates of one effect's parameters, without the effect's name as prefix.
 pub fn parameters_of(fit: &Fit, effect: &str) -> Vec<Estimate> {
+    own_parameters(&fit.parameters, effect)
+}
+
+/// The estimates among `all` of one effect's parameters, without the effect's name as prefix.
+pub(super) fn own_parameters(all: &[Estimate], effect: &str) -> Vec<Estimate> {
     let short = |p: &Estimate| p.name.split_once('.').map_or(p.name.clone(), |(_, name)| name.into());
-    let own = fit.parameters.iter().filter(|p| p.param.effect == effect);
+    let own = all.iter().filter(|p| p.param.effect == effect);
     own.map(|p| Estimate { name: short(p), ..p.clone() }).collect()
 }

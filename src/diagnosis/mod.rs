@@ -7,6 +7,7 @@ mod add;
 mod answer;
 pub mod budget;
 pub mod candidates;
+pub mod change;
 mod conclusion;
 pub mod confidence;
 mod error;

@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 
+use super::change::can_change;
 use super::fitting::Fitting;
 use super::orders;
 use crate::dynamics::Plant;
@@ -156,18 +157,60 @@ impl Fitting<'_> {
             let variant = |active| Variant { label: label(active), columns: columns.next().expect("one per shape") };
             Candidate { name: shapes[0].effect.name().into(), variants: shapes.iter().map(variant).collect() }
         };
-        let scale = (block(datasets) as f64).sqrt();
-        let channels = datasets[0].channels.iter().zip(&self.noise);
         Ok(Problem {
-            channels: channels
-                .map(|(c, sigma)| Channel { name: c.to_string(), noise_sigma: Some(sigma / scale) })
-                .collect(),
+            channels: self.channels(),
             samples,
             segments,
             y: residual_series(datasets, &fit.residuals),
             base: along_edges(owned, fit, edges).into_iter().chain(blurred_reversals(datasets)).collect(),
             candidates: candidates.iter().map(&mut candidate).collect(),
         })
+    }
+
+    /// Linearised problem of a change after the first `before` recordings: the columns of the candidates are zero in
+    /// these. The candidates are the effects of the model, each with its linear parameters, and those of `absent`.
+    pub fn change(&self, model: &Model, before: usize, absent: &[Vec<ActiveEffect>]) -> Result<Problem, FitError> {
+        let datasets = self.datasets;
+        let (segments, samples) = segments(datasets);
+        let first = self::segments(&datasets[..before]).1;
+        let later = |column: &Column| {
+            let mut values = column.values.clone();
+            values.chunks_mut(samples).for_each(|channel| channel[..first].fill(0.0));
+            Column { values, ..column.clone() }
+        };
+        let (owned, columns) = linearised(model, datasets, &absent.concat())?;
+        let mut candidates: Vec<Candidate> = Vec::new();
+        for o in owned.iter().filter(|o| o.linear.is_some() && can_change(o.param.effect)) {
+            let column = Column { magnitude: WORTH_CARING * o.column.magnitude, ..later(&o.column) };
+            match candidates.last_mut().filter(|c| c.name == o.param.effect) {
+                Some(own) => own.variants[0].columns.push(column),
+                None => {
+                    let variant = Variant { label: String::new(), columns: vec![column] };
+                    candidates.push(Candidate { name: o.param.effect.into(), variants: vec![variant] });
+                }
+            }
+        }
+        let mut columns = columns.iter();
+        let mut next = || columns.next().expect("one per shape").iter().map(later).collect();
+        candidates.extend(absent.iter().map(|shapes| Candidate {
+            name: shapes[0].effect.name().into(),
+            variants: shapes.iter().map(|active| Variant { label: label(active), columns: next() }).collect(),
+        }));
+        Ok(Problem {
+            channels: self.channels(),
+            samples,
+            segments,
+            y: residual_series(datasets, &Residuals::new(model, datasets)?),
+            base: owned.into_iter().map(|o| o.column).chain(blurred_reversals(datasets)).collect(),
+            candidates,
+        })
+    }
+
+    /// Channels with the noise of their means over [`block`] samples.
+    fn channels(&self) -> Vec<Channel> {
+        let scale = (block(self.datasets) as f64).sqrt();
+        let channels = self.datasets[0].channels.iter().zip(&self.noise);
+        channels.map(|(c, sigma)| Channel { name: c.to_string(), noise_sigma: Some(sigma / scale) }).collect()
     }
 }
 

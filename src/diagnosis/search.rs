@@ -3,28 +3,24 @@
 //! A fit with a given set of effects is computed once and reused. When the time is up, the result is the longest
 //! sequence of effects, in the order of their addition, that the validation data confirm.
 
-use std::cell::RefCell;
-use std::rc::Rc;
+pub(super) mod lag;
 
-use super::fitting::Fitting;
+mod fits;
+
 use super::judge::{Judge, Judged, MIN_RELEVANCE, is_relevant, relative_energy};
 use super::problem::Edges;
 use super::{DiagnosisError, problem};
-use crate::effects::{self, ActiveEffect, Role};
+use crate::effects::{ActiveEffect, Role};
 use crate::evidence::{self, Chosen, Outcome, Problem, Ranking, Refit, Settings};
 use crate::gate::carries_weight_alone;
-use crate::identification::Dataset;
 use crate::identification::fit::{Fit, FitError, is_nonlinear};
 use crate::model::Model;
+use fits::Fits;
+use lag::{DELAY, Lag};
 
-/// Largest number of effects refused by the validation; one more refusal ends the search without a name.
+/// Largest number of effects refused by the validation. After it only the strongest effect may be reliable, and after one
+/// more refusal none.
 const MAX_REFUSED: usize = 5;
-
-/// Share by which the recorder's delay must lower the mean square error of slow recordings.
-const LAG_GAIN: f64 = 0.1;
-
-/// Name of the effect that is equivalent to a delay of the recorder.
-pub(super) const DELAY: &str = "signal_delay";
 
 /// Outcome of the search.
 pub(super) struct Found {
@@ -56,47 +52,6 @@ impl Found {
     }
 }
 
-/// Candidates and variants in a fit.
-type Key = Vec<(usize, usize)>;
-
-/// Fits from one start, by their set of effects.
-#[derive(Default)]
-struct Fits {
-    judged: RefCell<Vec<(Key, Judged)>>,
-    columns: RefCell<Vec<(Key, Rc<Vec<problem::Owned>>)>>,
-}
-
-/// Key of a set of effects, independent of the order of addition.
-fn key(chosen: &[Chosen]) -> Key {
-    let mut key: Key = chosen.iter().map(|c| (c.candidate, c.variant)).collect();
-    key.sort_unstable();
-    key
-}
-
-impl Fits {
-    /// The fit with `chosen`, computed by `make` at the first request.
-    fn of<E>(&self, chosen: &[Chosen], make: impl FnOnce() -> Result<Judged, E>) -> Result<Judged, E> {
-        let key = key(chosen);
-        if let Some((_, known)) = self.judged.borrow().iter().find(|(k, _)| *k == key) {
-            return Ok(known.clone());
-        }
-        let made = make()?;
-        self.judged.borrow_mut().push((key, made.clone()));
-        Ok(made)
-    }
-
-    /// Columns of all parameters at the fit with `chosen`.
-    fn columns(&self, chosen: &[Chosen], fit: &Fit, fitting: &Fitting) -> Result<Rc<Vec<problem::Owned>>, FitError> {
-        let key = key(chosen);
-        if let Some((_, known)) = self.columns.borrow().iter().find(|(k, _)| *k == key) {
-            return Ok(known.clone());
-        }
-        let made = Rc::new(problem::owned_columns(&fit.model, fitting.datasets)?);
-        self.columns.borrow_mut().push((key, made.clone()));
-        Ok(made)
-    }
-}
-
 /// Result of one selection.
 enum Selection {
     /// Regular end.
@@ -105,17 +60,6 @@ enum Selection {
     Lag(ActiveEffect),
     /// The effect of that name is not confirmed.
     Refused(String),
-}
-
-/// State of a delay that is a property of the recording and no effect, see [`Search::recorded_lag`].
-#[derive(Clone, Copy, PartialEq)]
-enum Lag {
-    /// A delay that is found may be the recorder's.
-    Possible,
-    /// The recorder's delay is in the model.
-    InModel,
-    /// Together with other effects the delay was longer: a delay that is found is an effect.
-    Excluded,
 }
 
 /// Selection of effects, repeated until all that were found are confirmed.
@@ -215,10 +159,6 @@ fn untried(outcome: &Outcome, unjudged: Vec<String>, settings: &Settings) -> Vec
     unjudged.into_iter().chain(passing.map(|a| a.name.clone())).collect()
 }
 
-fn delay(model: &Model) -> Option<&ActiveEffect> {
-    model.effects.iter().find(|a| a.effect.name() == DELAY)
-}
-
 impl<'a> Search<'a> {
     fn new(
         edges: Edges,
@@ -251,51 +191,10 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// The recorder's delay in recordings whose samples are so far apart that the hold of the torques distorts every
-    /// reversal; `None` if they resolve them, or if a delay lowers the error on the fitted or the validation data by less
-    /// than [`LAG_GAIN`].
-    fn lag_of_slow_recordings(&self) -> Option<ActiveEffect> {
-        let fitting = self.judge.fitting;
-        if delay(&self.start.fit.model).is_some() || !fitting.datasets.iter().any(Dataset::blurs_reversals) {
-            return None;
-        }
-        let mut model = self.start.fit.model.clone();
-        model.effects.push(ActiveEffect::absent_on(effects::find(DELAY)?, model.host()));
-        // Where no machine with it can be fitted, there is none.
-        let with = self.judge.fit(&model).ok()?;
-        let gains = |without: &[f64], with: &[f64], floor: &[f64]| {
-            relative_energy(with, floor) < (1.0 - LAG_GAIN) * relative_energy(without, floor)
-        };
-        let fitted = gains(&self.start.fit.residuals.rms, &with.fit.residuals.rms, &fitting.noise);
-        let held_out = gains(self.start.rms(), with.rms(), &self.judge.floor);
-        self.recorded_lag(&with.fit).filter(|_| fitted && held_out)
-    }
-
-    /// Adds the recorder's delay to the starting model.
-    fn accept_lag(&mut self, late: ActiveEffect) -> Result<(), DiagnosisError> {
-        self.lag = Lag::InModel;
-        let mut model = self.start.fit.model.clone();
-        model.effects.push(late);
-        self.start = self.judge.fit(&model)?;
-        self.fits = Fits::default();
-        if !self.judge.fitting.is_late() {
-            self.problem = self.judge.fitting.problem(&self.start.fit, self.candidates, self.edges)?;
-        }
-        Ok(())
-    }
-
-    /// Removes the recorder's delay from the model: together with the other effects found it is an effect.
-    fn exclude_lag(&mut self) {
-        self.lag = Lag::Excluded;
-        (self.start, self.problem) = self.without_lag.clone();
-        self.fits = Fits::default();
-    }
-
     fn refuse(&mut self, name: String, progress: &mut dyn FnMut(&str)) {
         progress(&format!("without {name}"));
         match self.refused.len() < MAX_REFUSED {
             true => self.refused.push(name),
-            // After this number of refusals only the strongest effect may be reliable, and after one more none.
             false => self.settings.max_steps = usize::from(self.settings.max_steps > 1),
         }
     }
@@ -303,11 +202,6 @@ impl<'a> Search<'a> {
     /// Whether the start has active consistency constraints that are treated separately.
     fn is_held(&self) -> bool {
         self.edges == Edges::Apart && !self.start.fit.edges.is_empty()
-    }
-
-    /// The recorder's delay in a fit, s; `None` if it is not part of the model.
-    fn sampling_lag(&self, end: &Judged) -> Option<f64> {
-        delay(&end.fit.model).filter(|_| self.lag == Lag::InModel).map(|late| late.values[0])
     }
 
     /// The problem without the refused candidates.
@@ -398,17 +292,17 @@ impl<'a> Search<'a> {
         }
         progress(&format!("refit with {}", names.join(", ")));
         let before = last.as_ref().map_or(&self.start, |(_, before)| before);
+        let is_lost = |fitted: &Judged| chosen.len() > 1 && self.judge.is_lost_in_the_rest(before, fitted);
         let made = self.refit_worth_it(chosen, ranking, before).and_then(|fitted| match fitted {
-            Ok(fitted) => Ok(Ok((self.relinearised(&fitted.fit, stated, chosen)?, fitted))),
+            Ok(fitted) if is_lost(&fitted) => Ok(Ok(None)),
+            Ok(fitted) => Ok(Ok(Some((self.relinearised(&fitted.fit, stated, chosen)?, fitted)))),
             Err(selection) => Ok(Err(selection)),
         });
         fitting.tried();
         // If the refit leads to an impossible machine, the newest effect is refused.
         match made.unwrap_or_else(|_| Err(self.refusal(chosen))) {
-            Ok((_, fitted)) if chosen.len() > 1 && self.judge.is_lost_in_the_rest(before, &fitted) => {
-                Ok(Refit::Negligible)
-            }
-            Ok((next, fitted)) => {
+            Ok(None) => Ok(Refit::Negligible),
+            Ok(Some((next, fitted))) => {
                 *last = Some((chosen.to_vec(), fitted));
                 Ok(Refit::New(Box::new(next)))
             }
@@ -525,30 +419,6 @@ impl<'a> Search<'a> {
     fn refit(&self, chosen: &[Chosen], ranking: Option<&Ranking>) -> Result<Judged, FitError> {
         let make = || self.judge.fit(&with_effects(&self.start.fit.model, self.candidates, chosen, ranking));
         self.fits.of(chosen, make)
-    }
-
-    /// The recorder's delay among the chosen effects, if there is one.
-    fn chosen_lag(&self, fit: &Fit, chosen: &[Chosen]) -> Option<ActiveEffect> {
-        let is_chosen = chosen.iter().any(|c| self.shape(c).effect.name() == DELAY);
-        self.recorded_lag(fit).filter(|_| self.lag == Lag::Possible && is_chosen)
-    }
-
-    /// The delay in a fit if sampling explains it, within three standard errors of the estimate: a recorder delays by at
-    /// most half the sampling period. A command is recorded early, by half a period while it is held and by one more if
-    /// it is computed during the period before it acts.
-    fn recorded_lag(&self, fit: &Fit) -> Option<ActiveEffect> {
-        let late = delay(&fit.model)?;
-        let own = fit.parameters.iter().find(|p| p.param.effect == DELAY);
-        let std = own.map(|p| p.std).filter(|std| std.is_finite()).unwrap_or(0.0);
-        let period = self.judge.fitting.datasets[0].dt;
-        let most = if late.values[0] < 0.0 { 1.5 * period } else { 0.5 * period };
-        (late.values[0].abs() < most + 3.0 * std).then(|| late.clone())
-    }
-
-    /// Whether `name` is a delay by which the torques are recorded earlier than any controller holds or computes them. With
-    /// a filter of the same time it is the smoothing of the angles, which the torque lacks.
-    fn is_too_early(&self, fit: &Fit, name: &str) -> bool {
-        name == DELAY && self.recorded_lag(fit).is_none() && delay(&fit.model).is_some_and(|late| late.values[0] < 0.0)
     }
 
     /// The problem linearised at the parameters fitted with the chosen effects; their linear contribution is added

@@ -51,6 +51,10 @@ impl Sensor for SignalDelay {
             *tau = interpolate(&source, k as f64 - shift);
         }
     }
+
+    fn reach(&self, values: &Values) -> [f64; 2] {
+        [values.one(0).max(0.0), (-values.one(0)).max(0.0)]
+    }
 }
 
 /// Four-point Lagrange interpolation at sample position `x`, constant beyond the ends.

@@ -21,6 +21,8 @@ pub mod series;
 pub use information::{Merit, Objective};
 pub use limits::{Hemisphere, Limits};
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use nalgebra::DMatrix;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -148,15 +150,21 @@ pub fn design(model: &Model, options: &Options, go_on: &(dyn Fn() -> bool + Sync
     let fine = Basis::new(options.frequency, options.harmonics, FINER * instants);
     let merit = |samples: &[Sample]| Merit::of(&information(samples), exact.sizes());
 
+    let has_one = AtomicBool::new(false);
     let drawn: Vec<Option<Drawn>> = (0..options.randoms.max(options.starts).max(1) as u64)
         .into_par_iter()
         .map(|k| {
+            // With the time over, one motion is enough.
+            if has_one.load(Ordering::Relaxed) && !go_on() {
+                return None;
+            }
             let motion = draw(model, &exact, &limits, options, k);
             // The draw respects all limits except a hemisphere.
             let own = if limits.hemisphere.is_some() { shrunk(&exact, &basis, &motion, SHRINK)?.0 } else { motion };
             let merit = merit(&exact.samples(&fine, &basis.vector(&own))?);
             let start = shrunk(&exact, &basis, &own, SHRINK)?.0;
             let value = options.objective.value(&information(&soft.samples(&basis, &basis.vector(&start))?))?.0;
+            has_one.store(true, Ordering::Relaxed);
             Some(Drawn { merit, start, value })
         })
         .collect();

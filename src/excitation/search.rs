@@ -149,6 +149,10 @@ impl Search<'_> {
         };
         keep(&mut found, &point);
         let n = start.len();
+        if !go_on() {
+            found.end = End::Stopped;
+            return found;
+        }
         let Some(mut slopes) = self.slopes(&point) else { return found };
         let mut gradient = self.lagrangian(&slopes, &[]);
         let mut hessian = DMatrix::identity(n, n) * gradient.norm().max(1e-3);

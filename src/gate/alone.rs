@@ -11,6 +11,7 @@ use crate::identification::least_squares::least_squares;
 use crate::identification::residuals::rms;
 use crate::machine::{Joint, Mechanism};
 use crate::model::Model;
+use crate::numerics::deviation;
 use crate::recording::Recording;
 use crate::text::significant;
 
@@ -102,7 +103,7 @@ impl Alone<'_> {
     fn axis(&self, axis: usize) -> Vec<Finding> {
         let torque = &self.dataset.measured[axis];
         let moves = self.range(|k| self.dataset.joints[k].qd[axis]) > 0.0;
-        if !moves || spread(torque) == 0.0 {
+        if !moves || deviation(torque) == 0.0 {
             return Vec::new();
         }
         let noiseless = self.noiseless(axis);
@@ -119,21 +120,13 @@ impl Alone<'_> {
         high - low
     }
 
-    fn instants(&self) -> Vec<usize> {
-        instants(self.dataset)
-    }
-
-    fn motion(&self, axis: usize, at: &[usize]) -> [Vec<f64>; 3] {
-        motion(self.dataset, axis, at)
-    }
-
     /// A torque that the motion of all axes does not explain.
     fn unrelated(&self, axis: usize) -> Option<Finding> {
-        let at = self.instants();
+        let at = instants(self.dataset);
         let mechanism = self.recording.signals.mechanism;
         let mut features = vec![vec![1.0; at.len()]];
         for other in 0..mechanism.axes() {
-            features.extend(self.motion(other, &at));
+            features.extend(motion(self.dataset, other, &at));
             let angles: Vec<f64> = at.iter().map(|&k| self.dataset.joints[k].q[other]).collect();
             features.push(angles.iter().map(|q| q.sin()).collect());
             features.push(angles.iter().map(|q| q.cos()).collect());
@@ -142,17 +135,17 @@ impl Alone<'_> {
         let torque: Vec<f64> = at.iter().map(|&k| self.dataset.measured[axis][k]).collect();
         let columns: Vec<&[f64]> = features.iter().map(Vec::as_slice).collect();
         let fit = least_squares(&columns, &torque)?;
-        let explained = 1.0 - fit.mean_square / spread(&torque).powi(2).max(f64::MIN_POSITIVE);
+        let explained = 1.0 - fit.mean_square / deviation(&torque).powi(2).max(f64::MIN_POSITIVE);
         let noise = difference_sigma(&self.dataset.measured[axis], &self.dataset.segments, 4).unwrap_or(0.0);
         let k = axis + 1;
         let unit = self.dataset.channels[axis].unit();
         (explained < FOLLOWS).then(|| {
             let seen = format!(
                 "of its variation ({} {unit} RMS) the motion explains {:.0} %",
-                significant(spread(&torque), 3),
+                significant(deviation(&torque), 3),
                 100.0 * explained.max(0.0)
             );
-            let (why, remedy) = if noise > 0.7 * spread(&torque) {
+            let (why, remedy) = if noise > 0.7 * deviation(&torque) {
                 (
                     "it is noise: the axis was moved by hand or from outside, or its drive was off",
                     "a run that the drives drive",
@@ -202,8 +195,8 @@ impl Alone<'_> {
         if !matches!(self.recording.signals.mechanism, Mechanism::Axis(_)) {
             return None;
         }
-        let at = self.instants();
-        let [acceleration, rate, sign] = self.motion(axis, &at);
+        let at = instants(self.dataset);
+        let [acceleration, rate, sign] = motion(self.dataset, axis, &at);
         let angles: Vec<f64> = at.iter().map(|&k| self.dataset.joints[k].q[axis]).collect();
         let [sine, cosine] = [f64::sin, f64::cos].map(|f| angles.iter().map(|q| f(*q)).collect::<Vec<f64>>());
         let torque: Vec<f64> = at.iter().map(|&k| self.dataset.measured[axis][k]).collect();
@@ -355,7 +348,7 @@ pub fn carries_weight_alone(mechanism: Mechanism, dataset: &Dataset) -> bool {
     let torque: Vec<f64> = at.iter().map(|&k| dataset.measured[0][k]).collect();
     let constant = vec![1.0; at.len()];
     let Some(alone) = least_squares(&[&constant, &weight[0], &weight[1]], &torque) else { return false };
-    if range(&angles) < WEIGHT.0 || alone.mean_square > (1.0 - WEIGHT.1) * spread(&torque).powi(2) {
+    if range(&angles) < WEIGHT.0 || alone.mean_square > (1.0 - WEIGHT.1) * deviation(&torque).powi(2) {
         return false;
     }
     let columns: [&[f64]; 6] = [&constant, &weight[0], &weight[1], &moved[0], &moved[1], &moved[2]];
@@ -373,10 +366,6 @@ pub fn carries_weight_alone(mechanism: Mechanism, dataset: &Dataset) -> bool {
 fn range(x: &[f64]) -> f64 {
     let (low, high) = x.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
     high - low
-}
-
-fn spread(x: &[f64]) -> f64 {
-    super::line::deviation(x)
 }
 
 #[cfg(test)]

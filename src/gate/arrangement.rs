@@ -147,12 +147,19 @@ pub fn best(plant: &Plant, instants: &Instants) -> Option<Judgement> {
     let few = some.thinned(stride_for(some.at.len(), POSE_INSTANTS));
     let all = Arrangement::candidates(plant.mechanism);
     let all = all.into_iter().filter(|a| judge(plant, &few, *a).is_some());
-    let judged = all.filter_map(|a| judge(plant, &some, a));
-    let best = judged.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
-    judge(plant, instants, refined(plant, &some, best).arrangement)
+    let (shifted, plain): (Vec<_>, Vec<_>) =
+        all.filter_map(|a| judge(plant, &some, a)).partition(|j| j.arrangement.zero.iter().any(|z| *z != 0.0));
+    let (mirrored, shifted): (Vec<_>, Vec<_>) =
+        shifted.into_iter().partition(|j| j.arrangement.sign.iter().any(|sign| *sign < 0.0));
+    let least = |judged: Vec<Judgement>| judged.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
+    // Between two zeros of the grid another arrangement may explain more, so zeros are refined before they are compared.
+    let exact = |judged: Vec<Judgement>| least(judged).map(|j| refined(plant, &some, j));
+    let best = least([exact(shifted), exact(mirrored), least(plain)].into_iter().flatten().collect())?;
+    judge(plant, instants, best.arrangement)
 }
 
-/// The arrangement with its zeros refined locally; those near a quarter turn are set to it.
+/// The arrangement with its zeros refined locally; those near a quarter turn are set to it, except on a lone axis, whose
+/// incremental encoder may count from anywhere.
 fn refined(plant: &Plant, instants: &Instants, best: Judgement) -> Judgement {
     let found = best.arrangement;
     let moved = |by: f64| {
@@ -171,7 +178,8 @@ fn refined(plant: &Plant, instants: &Instants, best: Judgement) -> Judgement {
     }
     let mut found = moved(0.5 * (low + high));
     let quarter = |z: f64| (z / FRAC_PI_2).round() * FRAC_PI_2;
-    let near = |z: f64| (z - quarter(z)).abs() < NEAR_QUARTER && quarter(z) != 0.0;
+    let is_built = matches!(plant.mechanism, Mechanism::Delta { .. });
+    let near = |z: f64| is_built && (z - quarter(z)).abs() < NEAR_QUARTER && quarter(z) != 0.0;
     found.zero = found.zero.map(|z| if near(z) { quarter(z) } else { (1e4 * z).round() / 1e4 });
     match judge(plant, instants, found) {
         Some(judged) if judged.cost < best.cost + CHANGE => judged,

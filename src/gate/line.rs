@@ -2,6 +2,7 @@
 
 use crate::identification::least_squares::least_squares;
 use crate::identification::residuals::rms;
+use crate::numerics::deviation;
 
 /// Linear regression of a measured on a predicted series: measured ≈ offset + slope · predicted.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,12 +37,6 @@ impl Line {
             unexplained: unexplained.clamp(0.0, 1.0),
         })
     }
-}
-
-/// Standard deviation.
-pub fn deviation(x: &[f64]) -> f64 {
-    let mean = x.iter().sum::<f64>() / x.len().max(1) as f64;
-    (x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / x.len().max(1) as f64).sqrt()
 }
 
 #[cfg(test)]

@@ -324,3 +324,39 @@ fn measured_value(signals: &Signals, channel: Channel, k: usize) -> f64 {
         Channel::StrutLower(s) => signals.strut_lower[s].as_ref().map_or(0.0, |x| x[k]),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::machine::Joint;
+
+    /// A lone axis at 1 kHz: at rest for `rest` seconds, then cosine strokes of 0.4 rad and 1 s, `strokes` of them, with a
+    /// pause of `pause` seconds after each.
+    fn strokes(rest: f64, strokes: usize, pause: f64) -> Dataset {
+        let mut angles = vec![0.0; (1e3 * rest) as usize];
+        for stroke in 0..strokes {
+            let from = 0.4 * (stroke % 2) as f64;
+            let way = if from > 0.0 { -0.2 } else { 0.2 };
+            angles.extend((0..1000).map(|k| from + way * (1.0 - (std::f64::consts::PI * f64::from(k) * 1e-3).cos())));
+            angles.extend(vec![from + 2.0 * way; (1e3 * pause) as usize]);
+        }
+        let mut signals = Signals { mechanism: Mechanism::axis(Joint::Revolute), ..Signals::default() };
+        for (k, q) in angles.into_iter().enumerate() {
+            signals.t.push(k as f64 * 1e-3);
+            signals.q.push([(q * 1e5).round() / 1e5, 0.0, 0.0, 0.0]);
+            signals.tau.push([0.0; AXES]);
+        }
+        Dataset::new(&Recording { signals, ..Recording::default() })
+    }
+
+    #[test]
+    fn rest_of_a_lone_axis_is_left_out() {
+        // 2 s of rest, then four strokes with pauses of 1 s: of 10 s the axis moves for 4.
+        let moves = strokes(2.0, 4, 1.0);
+        assert_eq!(moves.segments.len(), 4);
+        assert!((moves.standing - 0.6).abs() < 0.03, "{}", moves.standing);
+        // Within 0.3 s nothing is at rest, and a recording of rest alone is kept.
+        assert_eq!(strokes(0.0, 4, 0.2).standing, 0.0);
+        assert_eq!(strokes(5.0, 0, 0.0).standing, 0.0);
+    }
+}

@@ -43,7 +43,8 @@ impl Residuals {
 
     /// Change of the prediction from the model of these residuals to the model of `other`, N·m or N.
     pub fn minus(&self, other: &Self) -> Self {
-        let of = |(a, b): (&Channels, &Channels)| -> Channels { a.iter().zip(b).map(|(a, b)| difference(a, b)).collect() };
+        let of =
+            |(a, b): (&Channels, &Channels)| -> Channels { a.iter().zip(b).map(|(a, b)| difference(a, b)).collect() };
         self.series.iter().zip(&other.series).map(of).collect::<Vec<_>>().into()
     }
 

@@ -18,6 +18,9 @@ pub struct Payload {
     pub faces: Vector3<f64>,
 }
 
+/// Largest radius of gyration of a payload, m: that of a bar of 17 m.
+const MOST_GYRATION: f64 = 5.0;
+
 impl Payload {
     /// Payload with a known moment about the vertical axis through its centre of mass, `inertia_zz` in kg·m².
     ///
@@ -64,8 +67,14 @@ impl Payload {
     ///
     /// # Errors
     /// A description of the fault if `inertia` has neither 3 nor 6 numbers, if the two keys contradict each other, or
-    /// if the tensor is not physically consistent.
+    /// if the tensor is not physically consistent, or that of no body of this mass.
     pub fn stated(mass: f64, com: [f64; 3], inertia_zz: Option<f64>, inertia: Option<&[f64]>) -> Result<Self, String> {
+        let largest = inertia.into_iter().flatten().take(3).chain(&inertia_zz).fold(0.0_f64, |most, x| most.max(*x));
+        if largest > mass * MOST_GYRATION * MOST_GYRATION {
+            return Err(format!(
+                "is {largest} kg·m² for a mass of {mass} kg; expected a radius of gyration of at most {MOST_GYRATION} m"
+            ));
+        }
         let payload = match inertia {
             None => return Ok(Self::new(mass, com, inertia_zz.unwrap_or(0.0))),
             Some(&[xx, yy, zz]) => Self::with_tensor(mass, com, [xx, yy, zz, 0.0, 0.0, 0.0]),

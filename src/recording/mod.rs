@@ -80,6 +80,62 @@ impl Signals {
         }
     }
 
+    /// Appends the samples of `later`, which has the same channels.
+    pub fn extend(&mut self, later: Self) {
+        fn append<T>(own: &mut Option<Vec<T>>, later: Option<Vec<T>>) {
+            if let (Some(own), Some(later)) = (own, later) {
+                own.extend(later);
+            }
+        }
+        self.t.extend(later.t);
+        self.q.extend(later.q);
+        self.tau.extend(later.tau);
+        for (own, later) in self.strut_upper.iter_mut().zip(later.strut_upper) {
+            append(own, later);
+        }
+        for (own, later) in self.strut_lower.iter_mut().zip(later.strut_lower) {
+            append(own, later);
+        }
+        append(&mut self.ee, later.ee);
+        append(&mut self.qd, later.qd);
+        append(&mut self.qdd, later.qdd);
+        append(&mut self.socket_margin, later.socket_margin);
+        append(&mut self.multipliers, later.multipliers);
+        append(&mut self.link_q, later.link_q);
+        append(&mut self.link_qd, later.link_qd);
+    }
+
+    /// Removes and returns the first `count` samples.
+    ///
+    /// # Panics
+    /// If there are fewer.
+    pub fn split_off_front(&mut self, count: usize) -> Self {
+        fn front<T>(own: &mut Vec<T>, count: usize) -> Vec<T> {
+            let rest = own.split_off(count);
+            std::mem::replace(own, rest)
+        }
+        fn some<T>(own: &mut Option<Vec<T>>, count: usize) -> Option<Vec<T>> {
+            own.as_mut().map(|own| front(own, count))
+        }
+        Self {
+            mechanism: self.mechanism,
+            start: self.start,
+            t: front(&mut self.t, count),
+            q: front(&mut self.q, count),
+            tau: front(&mut self.tau, count),
+            strut_upper: self.strut_upper.each_mut().map(|own| some(own, count)),
+            strut_lower: self.strut_lower.each_mut().map(|own| some(own, count)),
+            ee: some(&mut self.ee, count),
+            qd: some(&mut self.qd, count),
+            qdd: some(&mut self.qdd, count),
+            socket_margin: some(&mut self.socket_margin, count),
+            multipliers: some(&mut self.multipliers, count),
+            link_q: some(&mut self.link_q, count),
+            link_qd: some(&mut self.link_qd, count),
+            segments: Vec::new(),
+        }
+    }
+
     /// Median sampling period, s; zero with fewer than two samples.
     pub fn sample_time(&self) -> f64 {
         sample_time(&self.t)

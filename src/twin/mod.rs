@@ -41,7 +41,7 @@ pub use machine::{Checkpoint, Snapshot, Twin};
 pub use options::{Options, Watcher};
 pub use reactions::JointReactions;
 pub use report::{Cause, Event, EventKind, Frame, LARGEST_ENERGY_ERROR, Pose, Report, SimulationError};
-pub use simulate::{simulate, simulate_until_failure};
+pub use simulate::{Piece, Receiver, setup_of_run, simulate, simulate_into, simulate_until_failure};
 pub use sockets::Clamps;
 pub use state::BodyState;
 pub use torque::Torque;

@@ -52,21 +52,23 @@ pub fn origin(scenario: &Scenario, (file, text): (&Path, Option<&str>), machine:
 
 /// The provenance with poses and events of the run added.
 pub fn with_run(mut origin: Context, machine: &Model, options: &Options, report: &Report) -> Context {
-    if machine.assembled {
-        origin.poses = report.frames.iter().map(|f| poses(machine.mechanism, options, f)).collect();
-    }
+    origin.poses = report.frames.iter().filter_map(|f| poses(machine, options, f)).collect();
     origin.events = report.events.iter().map(note).collect();
     origin
 }
 
-fn poses(mechanism: Mechanism, options: &Options, frame: &Frame) -> Poses {
-    let last = match mechanism {
+/// Poses of the robot's links and of the objects in a frame; `None` without a robot that has them.
+pub fn poses(machine: &Model, options: &Options, frame: &Frame) -> Option<Poses> {
+    if !machine.assembled {
+        return None;
+    }
+    let last = match machine.mechanism {
         Mechanism::Delta { telescope: true } => TELESCOPE_UPPER + 2,
         _ => ROTOR - 1,
     };
     let bodies = (0..last).filter(|b| *b != ROTOR).map(|b| (body_name(b), frame.bodies[b]));
     let objects = options.objects.iter().zip(&frame.objects).map(|(o, pose)| (format!("object/{}", o.name), *pose));
-    Poses { t: frame.t, frames: bodies.chain(objects).collect() }
+    Some(Poses { t: frame.t, frames: bodies.chain(objects).collect() })
 }
 
 /// An event as a log entry.

@@ -21,7 +21,8 @@ pub(super) struct Sensors<'a> {
     /// Whether there is a platform to be measured.
     assembled: bool,
     torque_noise: [f64; AXES],
-    rng: Option<ChaCha8Rng>,
+    /// Generators of the noise of torques and of strut forces, independent, so that a run may be reported in pieces.
+    noise: Option<[ChaCha8Rng; 2]>,
 }
 
 impl<'a> Sensors<'a> {
@@ -32,36 +33,41 @@ impl<'a> Sensors<'a> {
             fitted,
             assembled,
             torque_noise: setup.torque_noise.unwrap_or(model.noise.torque),
-            rng: seed.map(ChaCha8Rng::seed_from_u64),
+            noise: seed.map(|seed| {
+                [0, 1].map(|stream| {
+                    let mut generator = ChaCha8Rng::seed_from_u64(seed);
+                    generator.set_stream(stream);
+                    generator
+                })
+            }),
         }
     }
 
     /// Encoder readings for angles `q`, rad.
     pub fn angles(&self, q: &[f64; AXES]) -> [f64; AXES] {
-        if self.rng.is_none() {
+        if self.noise.is_none() {
             return *q;
         }
         let axes = self.model.mechanism.axes();
         std::array::from_fn(|i| if i < axes { quantised(q[i], &self.model.drives[i]) } else { q[i] })
     }
 
-    /// Reserves memory for `samples` samples.
-    pub fn reserve(&self, signals: &mut Signals, samples: usize) {
+    /// Empty signals with the channels that are recorded.
+    pub fn channels(&self) -> Signals {
         let fitted = &self.fitted;
-        signals.t.reserve(samples);
-        signals.q.reserve(samples);
-        signals.tau.reserve(samples);
-        for s in 0..STRUTS {
-            signals.strut_upper[s] = fitted.strut_upper[s].then(|| Vec::with_capacity(samples));
-            signals.strut_lower[s] = fitted.strut_lower[s].then(|| Vec::with_capacity(samples));
+        Signals {
+            mechanism: self.model.mechanism,
+            strut_upper: fitted.strut_upper.map(|fitted| fitted.then(Vec::new)),
+            strut_lower: fitted.strut_lower.map(|fitted| fitted.then(Vec::new)),
+            ee: (fitted.ee && self.assembled).then(Vec::new),
+            qd: fitted.velocity.then(Vec::new),
+            qdd: fitted.acceleration.then(Vec::new),
+            socket_margin: fitted.sockets.then(Vec::new),
+            multipliers: fitted.multipliers.then(Vec::new),
+            link_q: fitted.links.then(Vec::new),
+            link_qd: fitted.links.then(Vec::new),
+            ..Signals::default()
         }
-        signals.ee = (fitted.ee && self.assembled).then(|| Vec::with_capacity(samples));
-        signals.qd = fitted.velocity.then(|| Vec::with_capacity(samples));
-        signals.qdd = fitted.acceleration.then(|| Vec::with_capacity(samples));
-        signals.socket_margin = fitted.sockets.then(|| Vec::with_capacity(samples));
-        signals.multipliers = fitted.multipliers.then(|| Vec::with_capacity(samples));
-        signals.link_q = fitted.links.then(|| Vec::with_capacity(samples));
-        signals.link_qd = fitted.links.then(|| Vec::with_capacity(samples));
     }
 
     /// Appends one sample, without noise.
@@ -106,17 +112,21 @@ impl<'a> Sensors<'a> {
         }
     }
 
-    /// Adds white noise to torques and forces.
+    /// Adds white noise to torques and forces; consecutive pieces of a run get the noise of the whole.
     pub fn add_noise(&mut self, signals: &mut Signals) {
-        let Some(rng) = &mut self.rng else { return };
+        let Some([of_torque, of_force]) = &mut self.noise else { return };
         for tau in &mut signals.tau {
             for (x, sigma) in tau.iter_mut().zip(self.torque_noise).take(self.model.mechanism.axes()) {
-                *x += normal(sigma).sample(rng);
+                *x += normal(sigma).sample(of_torque);
             }
         }
         let force = normal(self.model.noise.strut_force);
-        for x in signals.strut_upper.iter_mut().chain(&mut signals.strut_lower).flatten().flatten() {
-            *x += force.sample(rng);
+        let mut channels: Vec<&mut Vec<f64>> =
+            signals.strut_upper.iter_mut().chain(&mut signals.strut_lower).flatten().collect();
+        for i in 0..signals.t.len() {
+            for channel in &mut channels {
+                channel[i] += force.sample(of_force);
+            }
         }
     }
 }

@@ -1,9 +1,12 @@
 //! Closed-loop run of the twin: trajectory, controller, machine, sensors, sockets and contacts.
 
 mod advance;
+mod reported;
 mod start;
 
 use self::advance::Meeting;
+use self::reported::Reported;
+pub use self::reported::{Piece, Receiver};
 use super::contacts::{ContactWork, Contacts, Held};
 use super::controller::Controller;
 use super::machine::{Checkpoint, Snapshot, Twin};
@@ -67,11 +70,30 @@ pub fn simulate_until_failure<T: Into<Target>>(
     options: &Options,
     progress: &mut dyn FnMut(f64) -> bool,
 ) -> Result<(Recording, Report, Option<SimulationError>), SimulationError> {
+    let mut whole = Whole { signals: Signals::default(), frames: Vec::new(), progress };
+    let (mut report, failure) = simulate_into(model, setup, controller_plant, desired, options, &mut whole)?;
+    report.frames = whole.frames;
+    let recording = Recording { name: model.name.clone(), signals: whole.signals, setup: setup_of_run(model, setup) };
+    Ok((recording, report, failure))
+}
+
+/// Report of a run whose samples and frames go to `receiver` while it lasts, with the failure if one ended the run
+/// early. Memory does not grow with the duration, except by events, and by the trace if one is kept.
+///
+/// # Errors
+/// Those of [`simulate_until_failure`].
+pub fn simulate_into<T: Into<Target>>(
+    model: &Model,
+    setup: &Setup,
+    controller_plant: &Plant,
+    desired: &dyn Fn(f64) -> T,
+    options: &Options,
+    receiver: &mut dyn Receiver,
+) -> Result<(Report, Option<SimulationError>), SimulationError> {
     let desired = |t: f64| desired(t).into();
     let mut run = Run::new(model, setup, controller_plant, &desired, options)?;
     let period = model.sample_time;
     let samples = (options.duration / period).round() as usize;
-    run.sensors.reserve(&mut run.signals, samples);
     let mut failure = None;
     for k in 0..samples {
         match run.sample(k) {
@@ -83,12 +105,45 @@ pub fn simulate_until_failure<T: Into<Target>>(
             }
         }
         run.report.simulated = (k + 1) as f64 * period;
-        if !progress(run.report.simulated) {
+        if !run.pass_on(receiver, false) || !receiver.progress(run.report.simulated) {
             break;
         }
     }
-    let (recording, report) = run.finish(model, setup);
-    Ok((recording, report, failure))
+    run.pass_on(receiver, true);
+    Ok((run.finish(), failure))
+}
+
+/// The setup that a recording of a run of `model` under `setup` states.
+pub fn setup_of_run(model: &Model, setup: &Setup) -> Setup {
+    let assembled = Plant::new(model, setup).assembled;
+    let configuration = match model.mechanism {
+        Mechanism::Delta { .. } if !assembled => Configuration::Disassembled,
+        _ => setup.configuration,
+    };
+    Setup { configuration, ..*setup }
+}
+
+/// Receiver that keeps a run as a whole.
+struct Whole<'a> {
+    signals: Signals,
+    frames: Vec<Frame>,
+    progress: &'a mut dyn FnMut(f64) -> bool,
+}
+
+impl Receiver for Whole<'_> {
+    fn progress(&mut self, t: f64) -> bool {
+        (self.progress)(t)
+    }
+
+    fn piece(&mut self, piece: Piece) -> bool {
+        if self.signals.is_empty() {
+            self.signals = piece.signals;
+        } else {
+            self.signals.extend(piece.signals);
+        }
+        self.frames.extend(piece.frames);
+        true
+    }
 }
 
 /// A run in progress.
@@ -120,7 +175,10 @@ struct Run<'a> {
     /// Number of frames so far; the number of events passed to the watcher follows.
     frames: usize,
     watched: usize,
+    /// Frames and ideal signals that have not been passed on.
+    kept: Vec<Frame>,
     signals: Signals,
+    reported: Reported,
     report: Report,
 }
 
@@ -339,7 +397,7 @@ impl<'a> Run<'a> {
             self.watched = self.report.events.len();
         }
         if self.options.frames.is_some() {
-            self.report.frames.push(frame);
+            self.kept.push(frame);
         }
     }
 
@@ -381,13 +439,9 @@ impl<'a> Run<'a> {
         }
     }
 
-    fn finish(mut self, model: &Model, setup: &Setup) -> (Recording, Report) {
+    fn finish(mut self) -> Report {
         if let Some(watcher) = &self.options.watcher {
             watcher.see(None, &self.report.events[self.watched..]);
-        }
-        let mut setup = *setup;
-        if matches!(model.mechanism, Mechanism::Delta { .. }) && !self.twin.plant().assembled {
-            setup.configuration = Configuration::Disassembled;
         }
         self.report.kinetic_energy = self.kinetic_energy();
         self.report.energy_error = self.report.energy_error.max(self.twin.energy_balance().abs());
@@ -397,11 +451,7 @@ impl<'a> Run<'a> {
         self.report.solutions = self.twin.solutions();
         self.report.corrections = self.twin.corrections();
         self.report.contacts = self.contacts.as_ref().map_or_else(ContactWork::default, |c| c.work());
-        for active in &self.twin.plant().effects {
-            active.observe(&mut self.signals);
-        }
-        self.sensors.add_noise(&mut self.signals);
-        (Recording { name: model.name.clone(), signals: self.signals, setup }, self.report)
+        self.report
     }
 }
 

@@ -1,5 +1,7 @@
 //! Recordings survive being written and read, and mistakes in them are named.
 
+mod damage;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 

@@ -85,6 +85,7 @@ fn every_command_explains_itself_with_an_example() {
     let top = done(&["--help"]);
     for command in [
         "demo",
+        "run",
         "reproduce",
         "simulate",
         "import",

@@ -9,8 +9,13 @@ mod cli;
 mod combinations;
 mod exam;
 mod failures;
+mod faults;
 mod gate;
 mod import;
 mod messages;
 mod reproduce;
+mod run;
+#[cfg(feature = "studio")]
+mod studio;
 mod study;
+mod watch;

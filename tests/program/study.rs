@@ -331,3 +331,50 @@ fn experiments_are_studies_too() {
         assert!(status == 2 && stderr.contains(expected) && stderr.contains("study.toml:"), "{expected}\n{stderr}");
     }
 }
+
+/// Friction in the sockets that the controller's model does not have: 2 s of a recording name it, and a healthy robot passes.
+#[test]
+fn the_diagnosis_of_the_runs_names_what_wears() {
+    let place = Place::new(1);
+    let write = |study: &str| std::fs::write(place.path("study.toml"), study).unwrap();
+    let models = std::fs::canonicalize("models").unwrap().display().to_string();
+    let scenario = SCENARIO
+        .replace("irb360-6-1600-truth.toml", "irb360-6-1600.toml")
+        .replace("MODELS", &models)
+        .replace("duration = 0.1", "duration = 3.0\nnoise = true")
+        .replace("[sockets]\ndraw = { sigma = 10.0 }\n", "")
+        .replace("frequency = 2.0", "frequency = 1.0");
+    std::fs::write(place.path("scenario.toml"), &scenario).unwrap();
+    let study = r#"
+scenario = "scenario.toml"
+over = "moment"
+diagnose = true
+
+[design]
+kind = "grid"
+
+[[factors]]
+name = "moment"
+key = "model.effects.ball_socket_coulomb.moment"
+unit = "N·m"
+levels = [0.0, 0.5]
+
+[[factors]]
+name = "regularisation"
+key = "model.effects.ball_socket_coulomb.regularisation"
+levels = [0.05]
+"#;
+    write(study);
+    let answer: Value = serde_json::from_str(&place.done("study", &["--json"])).unwrap();
+    let diagnosed = &answer["diagnosed"];
+    assert_eq!(diagnosed["named"], serde_json::json!({ "ball_socket_coulomb": 1 }), "{answer}");
+    assert_eq!((diagnosed["runs"].as_u64(), diagnosed["unknown"].as_u64()), (Some(2), Some(0)), "{answer}");
+    assert_eq!(diagnosed["named_from"].as_f64(), Some(0.5), "{answer}");
+    // A run again is that of the table, although its verdict was made with a diagnosis.
+    assert!(place.done("study", &["--run", "1"]).contains("bit by bit"));
+    // Without a model to compare with there is nothing to name.
+    let first = scenario.lines().find(|line| line.starts_with("controller_model")).unwrap();
+    std::fs::write(place.path("scenario.toml"), scenario.replace(first, "")).unwrap();
+    let (status, _, stderr) = place.run("other", &[]);
+    assert!(status == 2 && stderr.contains("controller_model"), "{status} {stderr}");
+}

@@ -1,5 +1,6 @@
 //! Solids bounded by triangles: convex hulls and meshes from STL and OBJ files.
 
+use std::io::{self, Read};
 use std::path::Path;
 
 use deltatwin::cell::{MOST_TRIANGLES, Mesh, MeshError};
@@ -15,11 +16,30 @@ use parry3d::transformation::try_convex_hull;
 /// # Errors
 /// A [`MeshError`] if the file cannot be read, or as for [`closed`].
 pub fn read(file: &Path, scale: f64, convex: bool) -> Result<(Mesh, Vector3<f64>), MeshError> {
-    let scene = mesh_loader::Loader::default().merge_meshes(true).load(file)?;
+    let loader = mesh_loader::Loader::default().merge_meshes(true);
+    // Materials in other files do not matter.
+    let no_other = |_: &Path| -> io::Result<Vec<u8>> { Err(io::ErrorKind::NotFound.into()) };
+    let scene = loader.load_from_slice_with_reader(&bytes(file)?, file, no_other)?;
     let mesh = scene.meshes.into_iter().next().unwrap_or_default();
     let corners = mesh.vertices.iter().map(|v| Vector3::from(v.map(f64::from)) * scale).collect();
     closed(corners, mesh.faces, convex)
 }
+
+/// The content of a file of solids, which is neither a device nor a pipe.
+fn bytes(file: &Path) -> io::Result<Vec<u8>> {
+    if !std::fs::metadata(file)?.is_file() {
+        return Err(io::Error::other("it is a device, a pipe or a folder; expected a file"));
+    }
+    let mut out = Vec::new();
+    std::fs::File::open(file)?.take(LONGEST + 1).read_to_end(&mut out)?;
+    if out.len() as u64 > LONGEST {
+        return Err(io::Error::other(format!("it is longer than {} MB", LONGEST >> 20)));
+    }
+    Ok(out)
+}
+
+/// Size of the longest file of solids, bytes: several times the most triangles as text.
+const LONGEST: u64 = 256 << 20;
 
 /// The mesh of `triangles` between `corners` (m), or with `convex` the convex hull of the corners, and its centre of
 /// volume, m.

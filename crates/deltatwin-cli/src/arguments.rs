@@ -1,11 +1,10 @@
 //! Command-line arguments.
 
-#[cfg(feature = "viewer")]
-use crate::command::replay;
 use crate::command::{
-    add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, new, noise, plan, reproduce,
-    shell, simulate, study,
+    add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, new, noise, plan, replay,
+    reproduce, run, shell, simulate, study, watch,
 };
+use crate::data::positive;
 use clap::{Parser, Subcommand};
 
 /// Digital twin of a delta robot: compare, diagnose the missing physical effect, add it, watch the error fall.
@@ -18,12 +17,19 @@ use clap::{Parser, Subcommand};
 pub struct Cli {
     #[command(subcommand)]
     pub command: Option<Command>,
+    /// Longest time of the command, s; what was written until then is kept.
+    #[arg(long, global = true, value_name = "SECONDS", value_parser = positive)]
+    pub time_limit: Option<f64>,
+    /// Read files that scenarios and studies name outside of their project too, the folder with their `models/`.
+    #[arg(long, global = true)]
+    pub allow_outside: bool,
 }
 
 /// One variant per command.
 #[derive(Subcommand)]
 pub enum Command {
     Demo(demo::Args),
+    Run(run::Args),
     Reproduce(reproduce::Args),
     Simulate(simulate::Args),
     New(new::Args),
@@ -39,9 +45,11 @@ pub enum Command {
     Effects(effects::Args),
     Forces(forces::Args),
     Plan(plan::Args),
+    #[cfg(feature = "studio")]
+    Studio(crate::command::studio::Args),
     Study(study::Args),
-    #[cfg(feature = "viewer")]
     Replay(replay::Args),
+    Watch(watch::Args),
     Check(check::Args),
     Completions(shell::Completions),
     Man(shell::Man),

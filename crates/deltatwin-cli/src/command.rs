@@ -15,9 +15,14 @@ pub mod identify;
 pub mod new;
 pub mod noise;
 pub mod plan;
-#[cfg(feature = "viewer")]
 pub mod replay;
 pub mod reproduce;
+pub mod run;
 pub mod shell;
 pub mod simulate;
+#[cfg(feature = "studio")]
+pub mod studio;
 pub mod study;
+#[cfg(feature = "viewer")]
+pub mod view;
+pub mod watch;

@@ -4,12 +4,13 @@ use std::path::Path;
 
 use miette::{IntoDiagnostic, WrapErr};
 
-use deltatwin::gate::{Finding, Problem, examine, folded, inspect};
+use deltatwin::gate::{Finding, examine, folded, inspect};
 use deltatwin::identification::{Dataset, swapped};
 use deltatwin::machine::{Configuration, Setup};
 use deltatwin::model::{Model, summary};
 use deltatwin::planner::Limits;
 use deltatwin::recording::Recording;
+use deltatwin_analysis::data::warning;
 use deltatwin_io::kind::{Kind, kind};
 use deltatwin_io::recording::setup;
 use deltatwin_io::recording::{self, Reading};
@@ -124,18 +125,6 @@ fn setup(setup: &Setup) -> String {
 /// Warnings about a recording alone, see [`inspect`].
 pub fn alone(path: &Path, recording: &Recording) -> Vec<String> {
     inspect(recording, &Dataset::new(recording)).iter().map(|f| warning(path, f)).collect()
-}
-
-/// Warnings about a recording alone after which a fit says little, see [`inspect`].
-pub fn meaningless(path: &Path, recording: &Recording, dataset: &Dataset) -> Vec<String> {
-    let tells = |f: &&Finding| {
-        matches!(f.problem, Problem::Unrelated | Problem::WeightAlone | Problem::TorqueSign | Problem::Noiseless)
-    };
-    inspect(recording, dataset).iter().filter(tells).map(|f| warning(path, f)).collect()
-}
-
-fn warning(path: &Path, finding: &Finding) -> String {
-    format!("{}: {}; remedy: {}", path.display(), finding.sentence, finding.remedy)
 }
 
 type Verdict = (String, Vec<String>, Option<Vec<Finding>>);

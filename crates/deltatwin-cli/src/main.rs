@@ -4,6 +4,7 @@ mod arguments;
 mod command;
 mod data;
 mod kind;
+mod report;
 mod terminal;
 
 use std::process::ExitCode;
@@ -12,15 +13,17 @@ use arguments::{Cli, Command};
 use clap::Parser;
 use clap::error::{ContextKind, ContextValue};
 use command::{
-    add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, new, noise, plan, reproduce,
-    shell, simulate, study,
+    add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, new, noise, plan, replay,
+    reproduce, shell, simulate, study, watch,
 };
 use miette::MietteHandlerOpts;
+use serde_json::{Value, json};
 
 fn main() -> ExitCode {
     // Paths and lines of an error are not wrapped, so that they can be searched.
-    miette::set_hook(Box::new(|_| Box::new(MietteHandlerOpts::new().wrap_lines(false).build())))
-        .expect("no other handler is installed");
+    // Without colours and links: whatever steers a terminal comes from a file, and is shown instead.
+    let plain = || MietteHandlerOpts::new().wrap_lines(false).color(false).terminal_links(false).build();
+    miette::set_hook(Box::new(move |_| Box::new(plain()))).expect("no other handler is installed");
     // The parser is not available if the command line itself is invalid.
     let as_json = std::env::args_os().any(|a| a == "--json");
     let cli = match Cli::try_parse() {
@@ -30,19 +33,25 @@ fn main() -> ExitCode {
                 usage.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![expected.into()]));
             }
             if as_json && usage.use_stderr() {
-                print_json_error(&usage.render().to_string(), &[], None);
+                print_json_error(json!({ "message": usage.render().to_string().trim(), "causes": [], "help": null }));
             }
             usage.exit()
         }
     };
+    if !cli.allow_outside {
+        deltatwin_io::outside::forbid();
+    }
+    // The diagnosis gives the best answer that the time allows.
+    if let Some(limit) = cli.time_limit.filter(|_| !matches!(cli.command, Some(Command::Diagnose(_)))) {
+        terminal::end_after(limit);
+    }
     match run(cli.command.unwrap_or_else(|| Command::Demo(demo::Args::default()))) {
         Ok(status) => ExitCode::from(status),
         Err(report) => {
-            eprintln!("{report:?}");
+            terminal::complain(format!("{report:?}"));
             // An answer already printed on stdout remains the only object there.
             if as_json && !terminal::has_said() {
-                let causes: Vec<String> = report.chain().skip(1).map(ToString::to_string).collect();
-                print_json_error(&report.to_string(), &causes, report.help().map(|h| h.to_string()));
+                print_json_error(terminal::error_json(&report));
             }
             ExitCode::from(terminal::BAD_INPUT)
         }
@@ -62,15 +71,15 @@ fn expected_number(usage: &clap::Error) -> Option<&'static str> {
 }
 
 /// Prints `{"error": {"message", "causes", "help"}}` on stdout, for programs that asked for JSON.
-fn print_json_error(message: &str, causes: &[String], help: Option<String>) {
-    let error = serde_json::json!({ "error": { "message": message.trim(), "causes": causes, "help": help } });
+fn print_json_error(error: Value) {
     // If stdout is closed as well, the error is on stderr only.
-    let _ = terminal::say(error);
+    let _ = terminal::say(json!({ "error": error }));
 }
 
 fn run(command: Command) -> miette::Result<u8> {
     match &command {
         Command::Demo(args) => demo::run(args),
+        Command::Run(args) => command::run::run(args),
         Command::Reproduce(args) => reproduce::run(args),
         Command::Simulate(args) => simulate::run(args),
         Command::New(args) => new::run(args),
@@ -86,8 +95,10 @@ fn run(command: Command) -> miette::Result<u8> {
         Command::Effects(args) => effects::run(args),
         Command::Forces(args) => forces::run(args),
         Command::Plan(args) => plan::run(args),
-        #[cfg(feature = "viewer")]
-        Command::Replay(args) => command::replay::run(args),
+        Command::Replay(args) => replay::run(args),
+        Command::Watch(args) => watch::run(args),
+        #[cfg(feature = "studio")]
+        Command::Studio(args) => command::studio::run(args),
         Command::Study(args) => study::run(args),
         Command::Check(args) => check::run(args),
         Command::Completions(args) => shell::completions(args),

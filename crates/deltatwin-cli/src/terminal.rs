@@ -1,19 +1,21 @@
 //! Common terminal functions: text on stdout, warnings and progress on stderr, aligned tables, interruption.
 
 use std::io::{ErrorKind, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::{IntoDiagnostic, miette};
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use deltatwin::dynamics::Channel;
-use deltatwin::identification::Estimate;
 use deltatwin::machine::Mechanism;
 use deltatwin::model::Model;
 use deltatwin::text::significant;
+use deltatwin_analysis::Inputs;
+use deltatwin_analysis::folder::Input;
+use deltatwin_analysis::page::Origin;
 use deltatwin_io::{file, model};
 use deltatwin_report::Figure;
 
@@ -21,7 +23,9 @@ mod bars;
 mod text;
 
 pub use bars::error_bars;
+pub use deltatwin_analysis::json::{estimates, insert_channels, path, paths};
 use text::FIRM;
+use text::harmless;
 pub use text::{WIDTH, command, grouped, hanging, wrapped};
 
 /// Exit status: success.
@@ -44,17 +48,28 @@ pub fn has_said() -> bool {
 pub fn say(text: impl std::fmt::Display) -> miette::Result<()> {
     SAID.store(true, Ordering::Relaxed);
     let mut out = std::io::stdout().lock();
-    match writeln!(out, "{text}").and_then(|()| out.flush()) {
+    match writeln!(out, "{}", harmless(&text.to_string())).and_then(|()| out.flush()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(e).into_diagnostic(),
         _ => Ok(()),
     }
 }
 
+/// Prints a line on stderr; if nobody can read it there, the exit status still tells.
+pub fn complain(text: impl std::fmt::Display) {
+    let _ = writeln!(std::io::stderr().lock(), "{}", harmless(&text.to_string()));
+}
+
 /// Prints warnings on stderr.
 pub fn warn(warnings: &[String]) {
     for w in warnings {
-        eprintln!("warning: {w}");
+        complain(format!("warning: {w}"));
     }
+}
+
+/// An error and its causes as JSON: message, causes and help.
+pub fn error_json(report: &miette::Report) -> Value {
+    let causes: Vec<String> = report.chain().skip(1).map(ToString::to_string).collect();
+    json!({ "message": report.to_string().trim(), "causes": causes, "help": report.help().map(|h| h.to_string()) })
 }
 
 /// A progress bar on stderr from 0 to `length`; invisible if stderr is no terminal.
@@ -77,14 +92,35 @@ pub fn spinner(what: &str) -> ProgressBar {
 
 static STOP: AtomicBool = AtomicBool::new(false);
 
-/// Installs a handler for Ctrl-C that sets the flag of [`interrupted`]; a second Ctrl-C ends the process.
+/// Time that a command has to end by itself, s.
+const GRACE: f64 = 0.9;
+
+/// Installs a handler for Ctrl-C and the request to terminate that sets the flag of [`interrupted`]; a second one, or
+/// almost a second without an end, ends the process.
 pub fn catch_interrupt() -> miette::Result<()> {
     let stop = || {
         if STOP.swap(true, Ordering::Relaxed) {
             std::process::exit(i32::from(INTERRUPTED));
         }
+        std::thread::spawn(|| {
+            std::thread::sleep(Duration::from_secs_f64(GRACE));
+            complain("interrupted; what was written until now is kept");
+            std::process::exit(i32::from(INTERRUPTED));
+        });
     };
     ctrlc::set_handler(stop).into_diagnostic()
+}
+
+/// Ends the process after `limit` s; a command that asks whether it is [`interrupted`] can end in good order before.
+pub fn end_after(limit: f64) {
+    let wait = |seconds: f64| std::thread::sleep(Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX));
+    std::thread::spawn(move || {
+        wait((limit - GRACE).max(limit / 2.0));
+        STOP.store(true, Ordering::Relaxed);
+        wait(GRACE.min(limit / 2.0));
+        complain(format!("the time limit of {limit} s is over; what was written until now is kept"));
+        std::process::exit(i32::from(BAD_ANSWER));
+    });
 }
 
 /// Whether Ctrl-C was pressed.
@@ -132,38 +168,21 @@ pub fn today() -> String {
     jiff::Timestamp::now().strftime("%Y-%m-%d").to_string()
 }
 
-/// A path as JSON.
-pub fn path(path: &Path) -> Value {
-    json!(path.display().to_string())
-}
-
-/// Paths as JSON.
-pub fn paths(files: &[PathBuf]) -> Value {
-    files.iter().map(|f| path(f)).collect()
-}
-
-/// Estimates as `{name: {value, std, unit}}`; value and standard error are null if the data do not determine the
-/// parameter individually.
-pub fn estimates(parameters: &[Estimate]) -> Value {
-    let entry = |p: &Estimate| {
-        let (value, std) = if p.identified() { (Some(p.value), Some(p.std)) } else { (None, None) };
-        (p.name.clone(), json!({"value": value, "std": std, "unit": p.unit.to_string()}))
-    };
-    Value::Object(parameters.iter().map(entry).collect())
-}
-
-/// Inserts per-channel values into a JSON object: the axes as `key`, the strut forces as `strut_<key>`.
-pub fn insert_channels(object: &mut Map<String, Value>, key: &str, channels: &[Channel], values: &[f64]) {
-    let axes = channels.iter().take_while(|c| c.drive().is_some()).count().min(values.len());
-    object.insert(key.into(), json!(values[..axes]));
-    if values.len() > axes {
-        object.insert(format!("strut_{key}"), json!(values[axes..]));
-    }
-}
-
-/// Names of channels as JSON.
-pub fn channel_names(channels: &[Channel]) -> Value {
-    channels.iter().map(|c| json!(c.to_string())).collect()
+/// Where the results of this command come from: the command line, program and date, and the inputs with their hashes.
+///
+/// # Errors
+/// If an input cannot be read.
+pub fn origin(stage: &str, model: Option<&Path>, inputs: &Inputs, warnings: &[String]) -> miette::Result<Origin> {
+    let rest = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
+    Ok(Origin {
+        command: std::iter::once("deltatwin".to_string()).chain(rest).collect(),
+        stage: stage.into(),
+        version: env!("CARGO_PKG_VERSION").into(),
+        date: today(),
+        inputs: Input::all(model, inputs)?,
+        warnings: warnings.to_vec(),
+        note: String::new(),
+    })
 }
 
 /// Rows of text in aligned columns; the first column is left-aligned.

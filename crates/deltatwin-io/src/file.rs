@@ -1,8 +1,10 @@
-//! Atomic replacement of files.
+//! Reading of whole files, and writing: atomic replacement, and files that grow for hours.
 
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::fs::{File, OpenOptions};
+use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
 use miette::Diagnostic;
 use thiserror::Error;
@@ -58,8 +60,182 @@ pub fn replace_text(path: &Path, text: &str) -> io::Result<()> {
     atomically(path, |out| out.write_all(text.as_bytes()))
 }
 
+/// Size of the longest text that is read as a whole, bytes: descriptions are written by hand.
+const LONGEST_TEXT: u64 = 16 << 20;
+
+/// Opens a file to be read; a device, a pipe or a folder is none and might never end.
+///
+/// # Errors
+/// The error of the operating system, or that `path` is no file.
+pub fn open(path: &Path) -> io::Result<File> {
+    // Asked before opening, which would wait for the other end of a pipe.
+    if !std::fs::metadata(path)?.is_file() {
+        return Err(io::Error::other("it is a device, a pipe or a folder; expected a file"));
+    }
+    File::open(path)
+}
+
+/// The content of a file of at most `most` bytes.
+///
+/// # Errors
+/// The error of the operating system, or that the file is none or longer.
+pub fn bytes(path: &Path, most: u64) -> io::Result<Vec<u8>> {
+    let mut out = Vec::new();
+    // It may grow meanwhile.
+    open(path)?.take(most + 1).read_to_end(&mut out)?;
+    if out.len() as u64 > most {
+        return Err(io::Error::other(format!("it is longer than {} MB", most >> 20)));
+    }
+    Ok(out)
+}
+
+/// The content of a text file.
+///
+/// # Errors
+/// As for [`bytes`], for more than 16 MB, or that it is not text.
+pub fn text(path: &Path) -> io::Result<String> {
+    let not_text = |_| io::Error::new(io::ErrorKind::InvalidData, "it is not text in UTF-8");
+    String::from_utf8(bytes(path, LONGEST_TEXT)?).map_err(not_text)
+}
+
+/// Longest time for which appended bytes may be lost by a power cut.
+const UNSAFE_TIME: Duration = Duration::from_millis(500);
+
+/// A file that grows under a name of its own, `<stem>.partial.<extension>` in the same folder, until it is complete.
+///
+/// A file of the final name is replaced when the new one is complete, and not before; what has been written survives
+/// the end of the process at once and a power cut after [`Self::keep`].
+#[derive(Debug)]
+pub struct Growing {
+    appender: Appender,
+    partial: PathBuf,
+    target: PathBuf,
+    synced: Instant,
+}
+
+/// End of a [`Growing`] file, to which anything may be appended.
+#[derive(Clone, Debug)]
+pub struct Appender(Arc<Mutex<BufWriter<File>>>);
+
+impl Appender {
+    fn file(&self) -> MutexGuard<'_, BufWriter<File>> {
+        // A writer that panicked has appended a part of its record, which readers skip.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Write for Appender {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.file().write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file().flush()
+    }
+}
+
+impl Seek for Appender {
+    fn seek(&mut self, position: SeekFrom) -> io::Result<u64> {
+        self.file().seek(position)
+    }
+}
+
+impl Growing {
+    /// Creates the file that will become `target`; files of earlier runs that did not end are left alone.
+    ///
+    /// # Errors
+    /// The error of the operating system.
+    pub fn create(target: &Path) -> io::Result<Self> {
+        let target = place(target)?;
+        for number in 1.. {
+            let partial = partial_name(&target, number);
+            match OpenOptions::new().write(true).create_new(true).open(&partial) {
+                Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
+                Err(e) => return Err(e),
+                Ok(file) => {
+                    sync_folder(&partial);
+                    let appender = Appender(Arc::new(Mutex::new(BufWriter::new(file))));
+                    return Ok(Self { appender, partial, target, synced: Instant::now() });
+                }
+            }
+        }
+        Err(io::ErrorKind::AlreadyExists.into())
+    }
+
+    /// The end of the file.
+    pub fn appender(&self) -> Appender {
+        self.appender.clone()
+    }
+
+    /// The name under which the file grows.
+    pub fn partial(&self) -> &Path {
+        &self.partial
+    }
+
+    /// Hands everything appended so far to the operating system, and to the disk if that was last done half a second
+    /// ago.
+    ///
+    /// # Errors
+    /// The error of the operating system.
+    pub fn keep(&mut self) -> io::Result<()> {
+        let mut file = self.appender.file();
+        file.flush()?;
+        if self.synced.elapsed() >= UNSAFE_TIME {
+            file.get_ref().sync_data()?;
+            drop(file);
+            self.synced = Instant::now();
+        }
+        Ok(())
+    }
+
+    /// Gives the complete file its final name.
+    ///
+    /// # Errors
+    /// The error of the operating system; the file then keeps the name under which it grew.
+    pub fn complete(self) -> io::Result<()> {
+        let mut file = self.appender.file();
+        file.flush()?;
+        if let Ok(metadata) = std::fs::metadata(&self.target) {
+            file.get_ref().set_permissions(metadata.permissions())?;
+        }
+        file.get_ref().sync_all()?;
+        std::fs::rename(&self.partial, &self.target)?;
+        sync_folder(&self.target);
+        Ok(())
+    }
+
+    /// Removes the file.
+    pub fn discard(self) {
+        // Whether it is there or not, nothing of it is wanted.
+        let _ = std::fs::remove_file(&self.partial);
+    }
+}
+
+/// Where the file called `path` is or will be; what a link leads to must not be a device or a pipe.
+fn place(path: &Path) -> io::Result<PathBuf> {
+    if std::fs::metadata(path).is_ok_and(|m| !m.is_file()) {
+        return Err(io::Error::other("it exists and is no file"));
+    }
+    Ok(path.canonicalize().unwrap_or_else(|_| path.to_path_buf()))
+}
+
+/// Name of the `number`th file, from 1, that grows to become `target`.
+fn partial_name(target: &Path, number: usize) -> PathBuf {
+    let stem = target.file_stem().unwrap_or_default().to_string_lossy();
+    let extension = target.extension().unwrap_or_default().to_string_lossy();
+    let number = if number == 1 { String::new() } else { format!("-{number}") };
+    target.with_file_name(format!("{stem}.partial{number}.{extension}"))
+}
+
+/// Brings the names of the folder that holds `path` to the disk, as far as the system can.
+fn sync_folder(path: &Path) {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    // Not every file system can; the content of the file is on the disk in any case.
+    let _ = File::open(folder).and_then(|folder| folder.sync_all());
+}
+
 fn atomically(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>) -> io::Result<()> {
-    let path = path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
+    let path = place(path)?;
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut builder = tempfile::Builder::new();
     builder.prefix(".writing-");
@@ -78,5 +254,6 @@ fn atomically(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> io::Resu
         temporary.as_file().set_permissions(metadata.permissions())?;
     }
     temporary.persist(&path)?;
+    sync_folder(&path);
     Ok(())
 }

@@ -5,6 +5,7 @@ use std::path::Path;
 use miette::{IntoDiagnostic, Result, WrapErr, miette};
 use toml::de::DeTable;
 
+use crate::file;
 use crate::recording::bag::is_bag;
 
 /// Kinds of files read by deltatwin.
@@ -48,9 +49,7 @@ pub fn kind(path: &Path) -> Result<Kind> {
     if is_bag(path) || path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
         return Ok(Kind::Recording);
     }
-    let text = std::fs::read_to_string(path)
-        .into_diagnostic()
-        .wrap_err_with(|| format!("{}: cannot be read", path.display()))?;
+    let text = file::text(path).into_diagnostic().wrap_err_with(|| format!("{}: cannot be read", path.display()))?;
     if path.to_string_lossy().ends_with(".setup.toml") {
         return Ok(Kind::Setup);
     }

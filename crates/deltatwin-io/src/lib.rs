@@ -3,6 +3,7 @@
 pub mod file;
 pub mod kind;
 pub mod model;
+pub mod outside;
 pub mod plan;
 pub mod recording;
 pub mod scenario;

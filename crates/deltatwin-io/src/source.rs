@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::ops::Range;
+use std::path::Path;
 use std::sync::Arc;
 
 use deltatwin::cell::{MeshReader, no_meshes};
@@ -13,6 +14,8 @@ use serde::de::DeserializeOwned;
 use thiserror::Error;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue, Deserializer, ValueDeserializer};
+
+use crate::outside;
 
 /// An error in a text file.
 #[derive(Clone, Debug, Error, Diagnostic)]
@@ -188,6 +191,12 @@ impl<'a> Source<'a> {
         let text: Vec<&str> = self.text.get(span).unwrap_or("").split_whitespace().collect();
         let text = text.join(" ");
         if text.chars().count() <= 60 { text } else { text.chars().take(57).chain("...".chars()).collect() }
+    }
+
+    /// Checks that this file may name the file `target` by the key `key`.
+    pub fn may_name(&self, key: &str, name: &Spanned<String>, target: &Path) -> Checked<()> {
+        outside::check(Path::new(&self.name), target)
+            .map_err(|what| self.problem(name.span(), format!("`{key}` is \"{}\", which {what}", name.get_ref())))
     }
 
     /// A number, which must be within `interval`.

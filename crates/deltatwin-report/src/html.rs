@@ -4,7 +4,10 @@ use std::fmt::Write as _;
 use std::io;
 use std::path::Path;
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
 use deltatwin_io::file::replace_text;
+use sha2::{Digest, Sha256};
 
 use super::figure::Figure;
 
@@ -39,12 +42,14 @@ pub struct Report {
     subtitle: String,
     body: String,
     figures: usize,
+    /// Whether the page has curves that are drawn by the scripts of `assets`.
+    interactive: bool,
 }
 
 impl Report {
     /// Empty page with a title.
     pub fn new(title: impl Into<String>, subtitle: impl Into<String>) -> Self {
-        Self { title: title.into(), subtitle: subtitle.into(), body: String::new(), figures: 0 }
+        Self { title: title.into(), subtitle: subtitle.into(), body: String::new(), figures: 0, interactive: false }
     }
 
     /// Adds a section heading.
@@ -101,6 +106,12 @@ impl Report {
         self
     }
 
+    /// Adds a list of sentences.
+    pub fn list(&mut self, items: &[String]) -> &mut Self {
+        let items: String = items.iter().map(|item| format!("<li>{}</li>\n", escape(item))).collect();
+        self.push(format!("<ul>\n{items}</ul>"))
+    }
+
     /// Adds a table; numeric columns are right-aligned, short rows are padded.
     pub fn table<H, R, C>(&mut self, headers: &[H], rows: &[R]) -> &mut Self
     where
@@ -149,18 +160,41 @@ impl Report {
         self.push(format!("<div class=\"callout {}\">{}</div>", kind.class(), escape(text)))
     }
 
+    /// Gives the page the scripts that draw curves.
+    pub(crate) fn interactive(&mut self) {
+        self.interactive = true;
+    }
+
+    /// Content of the page without its frame, for a page that has style and scripts of its own.
+    pub fn fragment(&self) -> &str {
+        &self.body
+    }
+
+    /// Adds the [`Self::fragment`] of another page, as it is; a page with curves becomes interactive.
+    pub fn fragment_of(&mut self, fragment: &str) -> &mut Self {
+        self.interactive |= fragment.contains("data-signals");
+        self.push(fragment.into())
+    }
+
     /// The complete page.
+    ///
+    /// Its security policy lets nothing be loaded, and no script run but those of `assets`, named by their hashes: a
+    /// text from a file that looked like a script would still not be executed.
     pub fn render(&self) -> String {
         let title = escape(&self.title);
         let subtitle = match self.subtitle.trim() {
             "" => String::new(),
             text => format!("<p class=\"subtitle\">{}</p>\n", escape(text)),
         };
+        let own: &[&str] = if self.interactive { &[UPLOT, PAGE] } else { &[] };
+        let scripts: String = own.iter().map(|script| format!("<script>{script}</script>\n")).collect();
+        let policy = policy(own);
         format!(
             "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-             <title>{title}</title>\n<style>{CSS}</style>\n</head>\n<body>\n<main>\n\
-             <header>\n<h1>{title}</h1>\n{subtitle}</header>\n{}</main>\n</body>\n</html>\n",
+             <meta http-equiv=\"Content-Security-Policy\" content=\"{policy}\">\n\
+             <title>{title}</title>\n<style>{CSS}{CURVES_CSS}</style>\n</head>\n<body>\n<main>\n\
+             <header>\n<h1>{title}</h1>\n{subtitle}</header>\n{}</main>\n{scripts}</body>\n</html>\n",
             self.body
         )
     }
@@ -176,12 +210,30 @@ impl Report {
         replace_text(path, &self.render()).map_err(named)
     }
 
-    fn push(&mut self, html: String) -> &mut Self {
+    /// Adds an element whose texts are escaped.
+    pub(crate) fn push(&mut self, html: String) -> &mut Self {
         self.body.push_str(&html);
         self.body.push('\n');
         self
     }
 }
+
+/// Security policy of a page that runs the given scripts alone and loads nothing.
+fn policy(scripts: &[&str]) -> String {
+    let hash = |script: &&str| format!(" 'sha256-{}'", STANDARD.encode(Sha256::digest(script.as_bytes())));
+    let own: String = scripts.iter().map(hash).collect();
+    let own = if own.is_empty() { " 'none'".into() } else { own };
+    format!(
+        "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'; script-src{own}"
+    )
+}
+
+/// Scripts that draw the curves: uPlot 1.6.32 (MIT, `assets/uplot/LICENSE`), and the page's own.
+pub const UPLOT: &str = include_str!("../assets/uplot/uPlot.iife.min.js");
+/// Reads the data of [`crate::component::signals`] and draws them.
+pub const PAGE: &str = include_str!("../assets/page.js");
+/// Style of the curves and of the components of pages about models.
+pub const CURVES_CSS: &str = concat!(include_str!("../assets/uplot/uPlot.min.css"), include_str!("../assets/page.css"));
 
 /// `text` escaped for an HTML element or a quoted attribute; control characters become spaces.
 pub fn escape(text: &str) -> String {
@@ -215,7 +267,8 @@ fn numeric(text: &str) -> bool {
     text.starts_with(|c: char| c.is_ascii_digit() || c == '.') && text.chars().count() <= 24
 }
 
-const CSS: &str = "
+/// Style of every page.
+pub const CSS: &str = "
 :root { color-scheme: light dark; }
 * { box-sizing: border-box; }
 body { margin: 0; background: #fff; color: #22262b; font: 16px/1.55 system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif; }

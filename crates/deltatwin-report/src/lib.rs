@@ -1,5 +1,7 @@
-//! Figures and pages: [`figure`] and [`html`] are independent of the robot, [`drawing`] draws results of the library.
+//! Figures and pages: [`figure`] and [`html`] are independent of the robot, [`drawing`] draws results of the library, and
+//! [`component`] has the parts of pages about them.
 
+pub mod component;
 pub mod drawing;
 pub mod figure;
 pub mod html;

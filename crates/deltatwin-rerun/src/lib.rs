@@ -4,3 +4,4 @@ pub mod replay;
 pub mod scene;
 pub mod show;
 pub mod stream;
+pub mod watch;

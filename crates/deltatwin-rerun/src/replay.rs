@@ -1,62 +1,183 @@
-//! Display of a recording in Rerun: moving robot with measured and predicted torques.
+//! Display of a recording in Rerun: moving robot with measured and predicted torques, its residual and its loads.
 
 use std::path::Path;
+use std::time::{Duration, Instant};
 
-use miette::IntoDiagnostic;
+use miette::{IntoDiagnostic, miette};
 
-use crate::scene::{Scene, Series, measured, write_rrd};
+use crate::scene::{Live, Scene, Series, Viewer, measured, write_rrd};
+use deltatwin::constraint_forces::{Detail, constraint_forces};
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::{Dataset, Residuals, predict};
-use deltatwin::machine::{AXES, Unit};
+use deltatwin::kinematics::KinematicsError;
+use deltatwin::kinematics::motion::SOCKETS;
+use deltatwin::machine::{AXES, Mechanism, STRUTS, Unit};
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 
 /// Frame rate of the moving robot, Hz.
 const FRAMES: f64 = 50.0;
+/// Duration of a piece of a stream, s: what it adds to the latency.
+const PIECE: f64 = 0.05;
+/// Duration of a piece that is streamed as fast as it goes, s.
+const WHOLE: f64 = 1.0;
+/// Half width of the band of the noise, standard deviations.
+const BAND: f64 = 2.0;
 const PREDICTED: [u8; 3] = [225, 225, 225];
-const RESIDUAL: [u8; 3] = [200, 60, 60];
+const RESIDUAL: [u8; 3] = [120, 75, 75];
+const MEAN: [u8; 3] = [230, 70, 60];
+const AFTER: [u8; 3] = [80, 190, 110];
+const NOISE: [u8; 3] = [130, 135, 140];
 
 /// Writes `recording` with the prediction of `model` as an `.rrd` file.
 ///
 /// # Errors
-/// If the prediction or the kinematics fail, or the file cannot be written.
+/// As for [`Replay::write`].
 pub fn write(path: &Path, recording: &Recording, model: &Model) -> miette::Result<()> {
-    let dataset = Dataset::new(recording);
-    let plant = Plant::new(model, &recording.setup);
-    let predicted = predict(&plant, &dataset).into_diagnostic()?;
-    let noise = dataset.noise(model);
-    let left = Residuals::of(&dataset, &predicted).series.remove(0);
-    let mut series = measured(recording);
-    let axes = plant.mechanism.axes();
-    let unit = plant.mechanism.unit(Unit::NM);
-    for axis in 0..axes {
-        let mut add = |path: String, values: Vec<f64>, color, label: &str| {
-            series.push(Series { path, times: dataset.t.clone(), values, color, label: label.into() });
-        };
-        let axis_name = format!("axis{}", axis + 1);
-        add(format!("torque/{axis_name}/model"), predicted[axis].clone(), PREDICTED, &format!("model [{unit}]"));
-        add(format!("residual/{axis_name}/residual"), left[axis].clone(), RESIDUAL, &format!("residual [{unit}]"));
+    Replay { recording, model, beside: None }.write(path)
+}
+
+/// A recording with the models that it is compared with.
+pub struct Replay<'a> {
+    /// The recording.
+    pub recording: &'a Recording,
+    /// The model.
+    pub model: &'a Model,
+    /// A later model, whose residual is shown beside.
+    pub beside: Option<&'a Model>,
+}
+
+impl Replay<'_> {
+    /// Writes an `.rrd` file.
+    ///
+    /// # Errors
+    /// If the prediction or the kinematics fail, or the file cannot be written.
+    pub fn write(&self, path: &Path) -> miette::Result<()> {
+        let plant = Plant::new(self.model, &self.recording.setup);
+        write_rrd(path, &self.recording.name, &self.scene(&plant)?).into_diagnostic()
     }
-    let stride = dataset.stride(1.0 / FRAMES);
-    let frames: Vec<usize> = (0..dataset.len()).step_by(stride).collect();
-    let times: Vec<f64> = frames.iter().map(|&k| dataset.t[k]).collect();
-    let poses = frames.iter().map(|&k| plant.motion(&dataset.joints[k]).map(|m| m.shown(plant.mechanism)));
-    let poses = poses.collect::<Result<Vec<_>, _>>().into_diagnostic()?;
-    // Mean over a frame, which reduces the noise of single samples.
-    let residual: Vec<[f64; AXES]> = frames
-        .iter()
-        .map(|&k| {
-            let window = k.saturating_sub(stride / 2)..(k + stride / 2 + 1).min(dataset.len());
-            std::array::from_fn(|i| {
-                if i >= axes {
-                    return 0.0;
-                }
-                left[i][window.clone()].iter().sum::<f64>() / window.len() as f64 / noise[i].max(f64::MIN_POSITIVE)
-            })
-        })
-        .collect();
-    let mut scene = Scene::new(plant.mechanism, &plant.geometry, times, poses);
-    scene.series = series;
-    scene.residual = Some(residual);
-    write_rrd(path, &recording.name, &scene).into_diagnostic()
+
+    /// Streams to a viewer, `pace` seconds of the recording per second or as fast as it goes, until it ends or `goes_on`
+    /// is false.
+    ///
+    /// # Errors
+    /// If the prediction or the kinematics fail, or the viewer does not answer.
+    pub fn stream(&self, viewer: &Viewer, pace: Option<f64>, goes_on: &dyn Fn() -> bool) -> miette::Result<()> {
+        let plant = Plant::new(self.model, &self.recording.setup);
+        let scene = self.scene(&plant)?;
+        let (Some(&first), Some(&last)) = (scene.times.first(), scene.times.last()) else {
+            return Err(miette!("{}: has no frames", self.recording.name));
+        };
+        let problem = |e: Box<dyn std::error::Error + Send + Sync>| miette!("{e}");
+        let mut live = Live::open(viewer, &self.recording.name, &scene).map_err(problem)?;
+        let start = Instant::now();
+        let mut from = first;
+        while from <= last && goes_on() {
+            let to = from + pace.map_or(WHOLE, |pace| PIECE * pace.max(1.0));
+            if let Some(pace) = pace {
+                let due = Duration::try_from_secs_f64((to - first) / pace).unwrap_or(Duration::MAX);
+                std::thread::sleep(due.saturating_sub(start.elapsed()));
+            }
+            live.send(&scene.between(from, to)).map_err(problem)?;
+            from = to;
+        }
+        live.finish().map_err(problem)
+    }
+
+    fn scene<'p>(&self, plant: &'p Plant) -> miette::Result<Scene<'p>> {
+        let dataset = Dataset::new(self.recording);
+        let predicted = predict(plant, &dataset).into_diagnostic()?;
+        let noise = dataset.noise(self.model);
+        let left = Residuals::of(&dataset, &predicted);
+        let later = self.beside.map(|model| Residuals::new(model, std::slice::from_ref(&dataset))).transpose();
+        let later = later.into_diagnostic()?;
+        let stride = dataset.stride(1.0 / FRAMES);
+        let frames: Vec<usize> = (0..dataset.len()).step_by(stride).collect();
+        let times: Vec<f64> = frames.iter().map(|&k| dataset.t[k]).collect();
+        let poses = frames.iter().map(|&k| plant.motion(&dataset.joints[k]).map(|m| m.shown(plant.mechanism)));
+        let poses = poses.collect::<Result<Vec<_>, _>>().into_diagnostic()?;
+        // Mean over a frame, which reduces the noise of single samples.
+        let mean = |series: &[f64], k: usize| {
+            let window = k.saturating_sub(stride / 2)..(k + stride / 2 + 1).min(series.len());
+            series[window.clone()].iter().sum::<f64>() / window.len() as f64
+        };
+        let axes = plant.mechanism.axes();
+        let means = |residuals: &Residuals| -> Vec<Vec<f64>> {
+            let of = |i: usize| frames.iter().map(|&k| mean(&residuals.series[0][i], k)).collect();
+            (0..axes).map(of).collect()
+        };
+        let (before, after) = (means(&left), later.as_ref().map(means));
+        let mut series = Vec::new();
+        let unit = plant.mechanism.unit(Unit::NM);
+        for i in 0..axes {
+            let mut add = |name: &str, times: &[f64], values: Vec<f64>, color, label: &str| {
+                let path = format!("residual/axis{}/{name}", i + 1);
+                series.push(Series { path, times: times.to_vec(), values, color, label: format!("{label} [{unit}]") });
+            };
+            add("residual", &dataset.t, left.series[0][i].clone(), RESIDUAL, "residual");
+            for (name, sign) in [("noise_above", 1.0), ("noise_below", -1.0)] {
+                add(name, &times, vec![sign * BAND * noise[i]; times.len()], NOISE, "2 σ of the noise");
+            }
+            add("mean", &times, before[i].clone(), MEAN, "mean over 20 ms");
+            if let Some(after) = &after {
+                add("after", &times, after[i].clone(), AFTER, "mean with the later model");
+            }
+        }
+        series.extend(measured(self.recording));
+        for i in 0..axes {
+            let (path, label) = (format!("torque/axis{}/model", i + 1), format!("model [{unit}]"));
+            let (times, values) = (dataset.t.clone(), predicted[i].clone());
+            series.push(Series { path, times, values, color: PREDICTED, label });
+        }
+        let mut scene = Scene::new(plant.mechanism, &plant.geometry, times, poses);
+        let sigma = |f: usize, i: usize| before[i][f] / noise[i].max(f64::MIN_POSITIVE);
+        let of_frame = |f: usize| std::array::from_fn(|i| if i < axes { sigma(f, i) } else { 0.0 });
+        scene.residual = Some((0..frames.len()).map(of_frame).collect::<Vec<[f64; AXES]>>());
+        scene.used = used(self.model, plant, &dataset, &frames).into_diagnostic()?;
+        scene.series = series;
+        scene.text = Some(self.text(&left, later.as_ref(), &noise, unit));
+        Ok(scene)
+    }
+
+    /// What is left of every axis, and what the colours mean.
+    fn text(&self, left: &Residuals, later: Option<&Residuals>, noise: &[f64], unit: Unit) -> String {
+        let mut text = format!("### {} against {}\n\n", self.recording.name, self.model.name);
+        let name = self.beside.map_or("", |m| m.name.as_str());
+        text += &match later {
+            Some(_) => format!("| RMS, {unit} | left | with {name} | noise |\n|---|---|---|---|\n"),
+            None => format!("| RMS, {unit} | left | noise |\n|---|---|---|\n"),
+        };
+        for (i, (rms, noise)) in left.rms.iter().zip(noise).enumerate().take(self.recording.signals.mechanism.axes()) {
+            let after = later.map_or(String::new(), |l| format!(" {:.4} |", l.rms[i]));
+            text += &format!("| axis {} | {rms:.4} |{after} {noise:.4} |\n", i + 1);
+        }
+        text + LEGEND
+    }
+}
+
+/// What the colours mean.
+pub(crate) const LEGEND: &str = "\n**Colours.** Arms, telescope and trail: residual over 20 ms, green within the noise, \
+    yellow at 3 σ, red from 6 σ. Struts and cups: load against hold, grey up to a half, yellow at three quarters, red at \
+    the limit; a strut that is off is red.\n";
+
+/// Share of its hold that every socket uses at each of `frames`, from the model's forces; `None` without struts.
+fn used(
+    model: &Model,
+    plant: &Plant,
+    dataset: &Dataset,
+    frames: &[usize],
+) -> Result<Option<Vec<[f64; SOCKETS]>>, KinematicsError> {
+    let hold = model.sockets.dislocation_force;
+    if !plant.assembled || plant.mechanism != (Mechanism::Delta { telescope: true }) || hold <= 0.0 {
+        return Ok(None);
+    }
+    let of = |&k: &usize| {
+        let pose = plant.motion(&dataset.joints[k])?;
+        let own = plant.steady_states(dataset.t[k], &pose);
+        let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
+        let forces = constraint_forces(plant, dataset.t[k], &pose, &states, Detail::Complete)?;
+        let force = |s: usize| if s < STRUTS { forces.lambda_s[s] } else { forces.lambda_p[s - STRUTS] };
+        Ok(std::array::from_fn(|s| force(s).abs() / hold))
+    };
+    frames.iter().map(of).collect::<Result<Vec<_>, _>>().map(Some)
 }

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use crate::scene::{Scene, Series, Thing, measured, socket_margins, strut_force, write_rrd};
 use deltatwin::dynamics::Plant;
+use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::machine::{Part, STRUTS};
 use deltatwin::recording::{Recording, Signals};
 use deltatwin::twin::origin::note;
@@ -35,6 +36,7 @@ pub fn scene<'a>(plant: &'a Plant, options: &'a Options, frames: &[Frame], event
     let times = frames.iter().map(|f| f.t).collect();
     let mut scene = Scene::new(plant.mechanism, &plant.geometry, times, frames.iter().map(|f| f.bodies).collect());
     scene.loose = Some(frames.iter().map(loose).collect());
+    scene.used = options.clamps.as_ref().map(|clamps| frames.iter().map(|f| used(f, &clamps.hold)).collect());
     scene.payload = options.payload_shape.clone().map(|p| (p.shape, p.centre));
     let thing = |(i, object)| Thing { object, poses: frames.iter().map(|f| f.objects[i]).collect() };
     scene.things = options.objects.iter().enumerate().map(thing).collect();
@@ -62,6 +64,11 @@ pub fn loads(plant: &Plant, frames: &[Frame], signals: &Signals) -> Vec<Series> 
         series.extend(socket_margins(&times, &margins));
     }
     series
+}
+
+/// Share of the hold that each socket uses.
+fn used(frame: &Frame, hold: &[f64; SOCKETS]) -> [f64; SOCKETS] {
+    std::array::from_fn(|s| if hold[s] > 0.0 { 1.0 - frame.socket_margin[s] / hold[s] } else { 1.0 })
 }
 
 /// Struts with an open socket.

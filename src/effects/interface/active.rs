@@ -198,6 +198,11 @@ impl ActiveEffect {
         self.effect.sensor().map_or(0.0, |sensor| sensor.memory(&self.values()))
     }
 
+    /// Time (s) before and after an instant whose ideal signals enter the reported ones of that instant.
+    pub fn sensor_reach(&self) -> [f64; 2] {
+        self.effect.sensor().map_or([0.0; 2], |sensor| sensor.reach(&self.values()))
+    }
+
     /// Elastic gears between encoder and joint; `None` if there are none.
     pub fn gear_springs(&self) -> Option<[GearSpring; AXES]> {
         self.effect.compliance()?.gear_springs(&self.values())

@@ -49,6 +49,11 @@ pub trait Sensor {
     fn memory(&self, _values: &Values) -> f64 {
         0.0
     }
+
+    /// Time (s) by which a reported signal is later and earlier than the ideal one, at most.
+    fn reach(&self, values: &Values) -> [f64; 2] {
+        [self.memory(values), 0.0]
+    }
 }
 
 /// Elastic elements of an effect.

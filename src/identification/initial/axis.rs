@@ -1,21 +1,23 @@
 //! A first model of a single axis.
 
+mod regression;
+
 use super::{
-    BEYOND, DERIVED, Initial, InitialError, MARGIN, Number, PERIOD, encoder_bits, encoder_step, quantile, rounded_up,
+    BEYOND, DERIVED, Initial, InitialError, MARGIN, Number, encoder_bits, encoder_step, quantile, rounded_up,
     sample_time, step_of_noise, widened,
 };
-use rayon::prelude::*;
+use regression::{Fit, Series, steepness};
 
-use crate::effects::{ActiveEffect, Effects, Host, Role, Unit, find, smooth_sign};
-use crate::evidence::noise::{correlation_time, difference_sigma};
+use crate::effects::{ActiveEffect, Effects, Host, Role, Unit, find};
+use crate::evidence::noise::difference_sigma;
 use crate::identification::Dataset;
-use crate::identification::least_squares::{LeastSquares, least_squares};
 use crate::machine::bodies::{ARM, BODIES};
 use crate::machine::{
     ARMS, AXES, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops,
 };
 use crate::model::Model;
 use crate::model::history::rounded_to;
+use crate::numerics::deviation;
 use crate::recording::Recording;
 
 /// Standard errors beyond which gravity is significant, share of the torque's variance that it must explain, and
@@ -25,12 +27,6 @@ const GRAVITY: (f64, f64, f64) = (5.0, 0.02, 0.3);
 const OFFSET: f64 = 5.0;
 /// Share of the torque that friction and inertia leave from which the residual is mentioned.
 const LEFT: f64 = 0.2;
-/// Smallest and largest speed over which friction changes its sign, relative to the largest speed, and number of values
-/// tried between them.
-const TRANSITION: [f64; 2] = [5e-4, 0.2];
-const GRID: usize = 16;
-/// Twice the logarithm of the likelihood ratio from which a steepness is better than the usual one.
-const CLEARER: f64 = 10.0;
 /// Largest position that a model file admits, rad or m.
 const FARTHEST: f64 = 1e4;
 
@@ -82,20 +78,6 @@ struct Own<'a> {
     recordings: &'a [Recording],
     datasets: &'a [Dataset],
     numbers: Vec<Number>,
-}
-
-/// Series of one regression over several recordings.
-struct Series {
-    rate: Vec<f64>,
-    /// Smooth sign of the rate, whose mean is not that of the mean rate.
-    sign: Vec<f64>,
-    acceleration: Vec<f64>,
-    angle: Vec<f64>,
-    torque: Vec<f64>,
-    /// Index of the recording of each sample.
-    recording: Vec<usize>,
-    /// Lengths of the segments.
-    segments: Vec<usize>,
 }
 
 impl Own<'_> {
@@ -193,31 +175,6 @@ impl Own<'_> {
         sigma
     }
 
-    /// Means of all series over about [`PERIOD`], with friction's change of sign of this `steepness`.
-    fn series(&self, steepness: f64) -> Series {
-        let mut out = Series {
-            rate: Vec::new(),
-            sign: Vec::new(),
-            acceleration: Vec::new(),
-            angle: Vec::new(),
-            torque: Vec::new(),
-            recording: Vec::new(),
-            segments: Vec::new(),
-        };
-        for (r, d) in self.datasets.iter().enumerate() {
-            let block = d.stride(PERIOD);
-            let means = |of: &dyn Fn(usize) -> f64| d.means(&(0..d.len()).map(of).collect::<Vec<_>>(), block);
-            out.angle.extend(means(&|k| d.joints[k].q[0]));
-            out.rate.extend(means(&|k| d.joints[k].qd[0]));
-            out.sign.extend(means(&|k| smooth_sign(d.joints[k].qd[0], steepness)));
-            out.acceleration.extend(means(&|k| d.joints[k].qdd[0]));
-            out.torque.extend(means(&|k| d.measured[0][k]));
-            out.recording.resize(out.angle.len(), r);
-            out.segments.extend(d.segments.iter().map(|s| s.len() / block).filter(|n| *n > 0));
-        }
-        out
-    }
-
     /// Inertia, friction and gravity, and the drive with a torque limit that admits them.
     fn law(&mut self, drive: Drive, remarks: &mut Vec<String>) -> Result<(Drive, Law), InitialError> {
         let host = Host::new(self.mechanism, &drive);
@@ -225,8 +182,8 @@ impl Own<'_> {
             .map(|e| ActiveEffect::absent_on(e, host))
             .and_then(|a| a.entries().iter().find(|e| e.parameter.role == Role::Fixed).map(|e| e.parameter.default));
         let usual = usual.ok_or(InitialError::NoMotion)?;
-        let seen = self.steepness(usual, drive.max_speed);
-        let series = self.series(seen.unwrap_or(usual));
+        let seen = steepness(self.datasets, self.mechanism, usual, drive.max_speed);
+        let series = Series::of(self.datasets, seen.unwrap_or(usual));
         let plain = Fit::of(&series, false).ok_or(InitialError::NoMotion)?;
         let with = self.gravity(&series, &plain);
         let fit = with.as_ref().unwrap_or(&plain);
@@ -261,34 +218,6 @@ impl Own<'_> {
         }
         self.left(fit, &series, remarks);
         Ok((drive, Law { inertia, effects }))
-    }
-
-    /// Steepness of the friction's change of sign by least squares, s/rad; `None` if the recordings do not tell it from
-    /// the `usual` one.
-    ///
-    /// It is between the reciprocals of [`TRANSITION`] of the largest speed.
-    fn steepness(&self, usual: f64, max_speed: f64) -> Option<f64> {
-        let revolute = self.mechanism.joint() == Joint::Revolute;
-        // Where the travel does not tell gravity from a constant, the fit without it is as good.
-        let fit = |steepness: f64| {
-            let series = self.series(steepness);
-            Fit::of(&series, revolute).or_else(|| Fit::of(&series, false))
-        };
-        let start = fit(usual)?;
-        let independent = self.series(usual).torque.len() as f64 / start.inflation.powi(2).max(1.0);
-        let cost = |exponent: f64| fit(10f64.powf(exponent)).map_or(f64::INFINITY, |fit| fit.least.mean_square.ln());
-        let [most, least] = TRANSITION.map(|share| (1.0 / (share * max_speed)).log10().clamp(0.0, 4.0));
-        let among = |low: f64, high: f64| {
-            let grid: Vec<f64> = (0..=GRID).map(|k| low + (high - low) * k as f64 / GRID as f64).collect();
-            let costs: Vec<f64> = grid.par_iter().map(|e| cost(*e)).collect();
-            let best = (0..grid.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b])).unwrap_or(0);
-            (grid[best.saturating_sub(1)], grid[best], grid[(best + 1).min(GRID)])
-        };
-        let (before, _, after) = among(least, most);
-        let (_, best, _) = among(before, after);
-        let found = fit(10f64.powf(best))?;
-        let gained = independent * (start.least.mean_square / found.least.mean_square).ln();
-        (found.friction[0].is_some() && gained > CLEARER).then(|| rounded_to(10f64.powf(best), 3))
     }
 
     /// The inertia of the model: the estimate, or its standard error if the motion does not show it.
@@ -380,110 +309,6 @@ impl Own<'_> {
     }
 }
 
-/// The regression over all recordings.
-struct Fit {
-    least: LeastSquares,
-    /// Indices of the coefficients of Coulomb and viscous friction; `None` without the term.
-    friction: [Option<usize>; 2],
-    /// Index of the constant of each recording; `None` where the axis does not reverse, which is then Coulomb friction.
-    constants: Vec<Option<usize>>,
-    /// Index of the first coefficient of sin q; that of cos q follows, per recording.
-    sines: Option<usize>,
-    /// Factor on standard errors due to the autocorrelation of the residual.
-    inflation: f64,
-}
-
-impl Fit {
-    /// The regression with friction that is not negative: a term with a negative coefficient is left out.
-    fn of(series: &Series, gravity: bool) -> Option<Self> {
-        let mut with = [true, true];
-        loop {
-            let fit = Self::with(series, gravity, with)?;
-            let is_negative = |place: &Option<usize>| place.is_some_and(|k| fit.least.beta[k] < 0.0);
-            // Viscous friction first: in one direction at one speed it is told from Coulomb friction worst.
-            match fit.friction.iter().rposition(is_negative) {
-                Some(term) => with[term] = false,
-                None => return Some(fit),
-            }
-        }
-    }
-
-    fn with(series: &Series, gravity: bool, friction: [bool; 2]) -> Option<Self> {
-        let count = series.recording.last().map_or(0, |r| r + 1);
-        let mut features = vec![series.acceleration.clone()];
-        let friction = [(friction[0], &series.sign), (friction[1], &series.rate)].map(|(is_used, feature)| {
-            is_used.then(|| {
-                features.push(feature.clone());
-                features.len() - 1
-            })
-        });
-        let on = |r: usize, of: &dyn Fn(usize) -> f64| {
-            (0..series.recording.len())
-                .map(|k| if series.recording[k] == r { of(k) } else { 0.0 })
-                .collect::<Vec<f64>>()
-        };
-        let reverses = |r: usize| {
-            let own = || series.recording.iter().zip(&series.rate).filter(move |(of, _)| **of == r);
-            own().any(|(_, rate)| *rate > 0.0) && own().any(|(_, rate)| *rate < 0.0)
-        };
-        let constants: Vec<Option<usize>> = (0..count)
-            .map(|r| {
-                (reverses(r) || friction[0].is_none()).then(|| {
-                    features.push(on(r, &|_| 1.0));
-                    features.len() - 1
-                })
-            })
-            .collect();
-        let sines = gravity.then_some(features.len());
-        for r in (0..count).filter(|_| gravity) {
-            features.push(on(r, &|k| series.angle[k].sin()));
-            features.push(on(r, &|k| series.angle[k].cos()));
-        }
-        let columns: Vec<&[f64]> = features.iter().map(Vec::as_slice).collect();
-        let least = least_squares(&columns, &series.torque)?;
-        let fitted = |k: usize| least.beta.iter().zip(&columns).map(|(b, f)| b * f[k]).sum::<f64>();
-        let mut start = 0;
-        let rests: Vec<Vec<f64>> = series
-            .segments
-            .iter()
-            .map(|n| {
-                start += n;
-                (start - n..start).map(|k| series.torque[k] - fitted(k)).collect()
-            })
-            .collect();
-        let inflation = correlation_time(&rests).sqrt();
-        let moves = deviation(&series.rate) > 0.0 && deviation(&series.acceleration) > 0.0;
-        (moves && least.beta.iter().all(|b| b.is_finite())).then_some(Self {
-            least,
-            friction,
-            constants,
-            sines,
-            inflation,
-        })
-    }
-
-    /// Standard error of coefficient `k`.
-    fn std(&self, k: usize) -> f64 {
-        self.inflation * self.least.std[k]
-    }
-
-    /// A coefficient with its standard error; zero without the term.
-    fn coefficient(&self, place: Option<usize>) -> (f64, f64) {
-        place.map_or((0.0, 0.0), |k| (self.least.beta[k], self.std(k)))
-    }
-
-    /// Coefficients of sin q and cos q of recording `r` with their standard errors; zero without gravity.
-    fn gravity(&self, r: usize) -> [(f64, f64); 2] {
-        let Some(first) = self.sines else { return [(0.0, 1.0); 2] };
-        [0, 1].map(|k| (self.least.beta[first + 2 * r + k], self.std(first + 2 * r + k).max(f64::MIN_POSITIVE)))
-    }
-}
-
-fn deviation(x: &[f64]) -> f64 {
-    let mean = x.iter().sum::<f64>() / x.len().max(1) as f64;
-    (x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / x.len().max(1) as f64).sqrt()
-}
-
 fn positive((value, _): (f64, f64)) -> f64 {
     rounded_to(value.max(0.0), 4)
 }
@@ -570,6 +395,7 @@ fn empty(name: &str, mechanism: Mechanism, drive: Drive) -> Model {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::smooth_sign;
     use crate::recording::Signals;
 
     /// τ = 0.02·q̈ + 0.3·tanh(k·q̇) + 0.05·q̇ + 0.4·sin(q) along a sum of sines, without noise.

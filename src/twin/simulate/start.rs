@@ -1,13 +1,12 @@
 //! Start of a run: checks of machine and options, contact solver, equilibrium.
 
-use super::{Run, pose};
+use super::{Reported, Run, pose};
 use crate::cell::CellError;
 use crate::dynamics::{Plant, inverse_dynamics};
 use crate::kinematics::{JointState, KinematicsError, Motion, Target};
 use crate::machine::bodies::{BODIES, body_name};
 use crate::machine::{ARMS, AXES, Setup};
 use crate::model::Model;
-use crate::recording::Signals;
 use crate::twin::contacts::{Contacts, Surroundings};
 use crate::twin::controller::Controller;
 use crate::twin::machine::{Checkpoint, Twin};
@@ -55,13 +54,17 @@ impl<'a> Run<'a> {
             Some(clamps) => clamps,
             None => Clamps::watched(&model.sockets),
         };
+        let sensors = Sensors::new(model, setup, options.sensors, assembled, options.noise_seed);
         Ok(Self {
             options,
             desired,
             period: model.sample_time,
+            kept: Vec::new(),
+            signals: sensors.channels(),
+            reported: Reported::new(twin.plant(), model.sample_time),
             twin,
             controller,
-            sensors: Sensors::new(model, setup, options.sensors, assembled, options.noise_seed),
+            sensors,
             clamps,
             contacts,
             held: None,
@@ -78,7 +81,6 @@ impl<'a> Run<'a> {
             turned_over: 0.0,
             frames: 0,
             watched: 0,
-            signals: Signals { mechanism: model.mechanism, ..Signals::default() },
             report: Report { min_margin: clamps.hold, ..Report::default() },
         })
     }

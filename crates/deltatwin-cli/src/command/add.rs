@@ -3,18 +3,17 @@
 use std::path::PathBuf;
 
 use miette::{IntoDiagnostic, WrapErr};
-use serde_json::{Map, Value};
 
 use super::diagnose::budget;
 use crate::command::gate::{guard, much_is_left};
 use crate::command::identify::provenance;
 use crate::data::{Data, DataArgs};
-use crate::terminal::{
-    DONE, Table, channel_names, check_output, error_bars, estimates, insert_channels, path, say, spinner, warn,
-};
+use crate::report::{check_report, write_report};
+use crate::terminal::{DONE, Table, check_output, error_bars, origin, say, spinner, warn};
 use deltatwin::diagnosis::{Addition, add, parameters_of};
 use deltatwin::identification::Estimate;
 use deltatwin::text::significant;
+use deltatwin_analysis::page;
 use deltatwin_io::model;
 
 /// Add an effect to a model, refit, and see the error fall.
@@ -32,6 +31,9 @@ pub struct Args {
     /// Model file to write.
     #[arg(short, long, value_name = "MODEL2")]
     pub output: PathBuf,
+    /// Page to write, with the error before and after, the parameters, and what is left.
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
     /// Show the error budget and the parameters that moved, too.
     #[arg(short, long)]
     pub verbose: bool,
@@ -44,10 +46,12 @@ pub struct Args {
 pub fn run(args: &Args) -> miette::Result<u8> {
     let model = model::read(&args.model)?;
     crate::command::effects::known(&args.effect)?;
-    let mut inputs = Data::inputs(&args.data);
+    let given = args.data.inputs();
+    let mut inputs = given.files();
     inputs.push(&args.model);
     check_output(&args.output, &inputs, &["toml"])?;
-    let data = Data::read(&args.data, &model)?;
+    check_report(args.report.as_deref(), &args.model, &args.data)?;
+    let data = Data::read(&args.data.inputs(), &model)?;
     warn(&data.warnings);
     guard(&model, &data, &args.data)?;
     let progress = spinner(&format!("add {}", args.effect));
@@ -58,28 +62,17 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     warn(&much_is_left(data.channels(), addition.budget.rms_after(), &addition.budget.noise_floor));
     let parameters = parameters_of(&addition.fit, &addition.effect);
     if args.json {
-        say(json(&addition, &parameters, &data, args))?;
+        say(deltatwin_analysis::add::json(&addition, Some(&args.output)))?;
     } else {
         print(&addition, &parameters, &data, args.verbose)?;
     }
     let provenance = provenance("add", &args.data, &addition.fit.parameters);
     crate::command::identify::write(&addition.fit.model, &args.output, &provenance, args.json)?;
+    write_report(args.report.as_deref(), args.json, || {
+        let origin = origin("add", Some(&args.model), &args.data.inputs(), &data.warnings)?;
+        page::of_addition(&addition, &model, &data, &origin).into_diagnostic()
+    })?;
     Ok(DONE)
-}
-
-fn json(a: &Addition, parameters: &[Estimate], data: &Data, args: &Args) -> Value {
-    let mut object = Map::new();
-    object.insert("effect".into(), a.effect.clone().into());
-    object.insert("channels".into(), channel_names(data.channels()));
-    insert_channels(&mut object, "rms_before", data.channels(), &a.budget.rms_before);
-    insert_channels(&mut object, "rms_after", data.channels(), a.budget.rms_after());
-    insert_channels(&mut object, "noise_floor", data.channels(), &a.budget.noise_floor);
-    object.insert("parameters".into(), estimates(parameters));
-    object.insert("budget".into(), budget::json(&a.budget));
-    object.insert("parameters_before".into(), estimates(&a.parameters_before));
-    object.insert("parameters_after".into(), estimates(&a.fit.parameters));
-    object.insert("model".into(), path(&args.output));
-    Value::Object(object)
 }
 
 fn print(a: &Addition, parameters: &[Estimate], data: &Data, verbose: bool) -> miette::Result<()> {

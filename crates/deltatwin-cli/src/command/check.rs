@@ -7,7 +7,7 @@ use serde_json::json;
 use crate::command::gate::{json as gate_json, line};
 use crate::data::ColumnArgs;
 use crate::kind::{Verified, check_as};
-use crate::terminal::{BAD_ANSWER, BAD_INPUT, DONE, path, say, warn};
+use crate::terminal::{BAD_ANSWER, BAD_INPUT, DONE, complain, error_json, path, say, warn};
 use deltatwin::gate::combined;
 use deltatwin_io::model;
 
@@ -61,8 +61,8 @@ pub fn run(args: &Args) -> miette::Result<u8> {
             }
             Err(report) => {
                 good = false;
-                eprintln!("{report:?}");
-                entries.push(json!({"file": path(file), "good": false, "error": report.to_string()}));
+                complain(format!("{report:?}"));
+                entries.push(json!({"file": path(file), "good": false, "error": report.to_string(), "cause": error_json(&report)}));
             }
         }
     }

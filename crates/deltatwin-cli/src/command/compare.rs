@@ -3,18 +3,14 @@
 use std::path::PathBuf;
 
 use miette::IntoDiagnostic;
-use serde_json::{Map, Value, json};
 
-use crate::command::gate::{guard, json as gate_json};
+use crate::command::gate::guard;
 use crate::data::{Data, DataArgs, positive};
-use crate::terminal::{BAD_ANSWER, DONE, Table, channel_names, check_output, insert_channels, say, spinner, warn};
-use deltatwin::comparison::{Comparison, Finding, compare};
-use deltatwin::dynamics::Channel;
-use deltatwin::model::Model;
-use deltatwin::text::significant;
+use crate::report::{check_report, write_report};
+use crate::terminal::{BAD_ANSWER, DONE, Table, check_output, origin, say, spinner, warn};
+use deltatwin::comparison::{Comparison, compare};
+use deltatwin_analysis::page;
 use deltatwin_io::model;
-use deltatwin_report::Report;
-use deltatwin_report::drawing::residual::{self, Stage};
 
 /// Show where a model fails to predict recordings.
 #[derive(clap::Args, Clone, Debug)]
@@ -41,14 +37,12 @@ pub struct Args {
 /// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let model = model::read(&args.model)?;
-    if let Some(page) = &args.report {
-        let mut inputs = Data::inputs(&args.data);
-        inputs.push(&args.model);
-        inputs.extend(args.beside.as_deref());
-        check_output(page, &inputs, &["html"])?;
+    check_report(args.report.as_deref(), &args.model, &args.data)?;
+    if let Some((page, other)) = args.report.as_deref().zip(args.beside.as_deref()) {
+        check_output(page, &[other], &["html"])?;
     }
     let beside = args.beside.as_deref().map(model::read).transpose()?;
-    let data = Data::read(&args.data, &model)?;
+    let data = Data::read(&args.data.inputs(), &model)?;
     warn(&data.warnings);
     let gate = guard(&model, &data, &args.data)?;
     let progress = spinner("compare");
@@ -56,18 +50,16 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     progress.finish_and_clear();
     let comparison = comparison.into_diagnostic()?;
     if args.json {
-        let mut object = json(&comparison);
-        object.insert("gate".into(), gate_json(&gate));
-        say(Value::Object(object))?;
+        say(deltatwin_analysis::compare::json(&comparison, &gate))?;
     } else {
         print(&comparison)?;
     }
-    if let Some(page) = &args.report {
-        report(&comparison, (&model, beside.as_ref()), &data, args)?.write(page).into_diagnostic()?;
-        if !args.json {
-            say(format!("  Wrote {}", page.display()))?;
-        }
-    }
+    write_report(args.report.as_deref(), args.json, || {
+        let origin = origin("compare", Some(&args.model), &args.data.inputs(), &data.warnings)?;
+        let name = args.beside.as_ref().map(|path| path.display().to_string()).unwrap_or_default();
+        let beside = beside.as_ref().map(|model| (&name[..], model));
+        page::of_comparison(&comparison, &model, beside, &data, &origin).into_diagnostic()
+    })?;
     let Some(most) = args.fail_above else { return Ok(DONE) };
     match comparison.worst().filter(|(_, ratio)| *ratio > most) {
         Some((channel, ratio)) => {
@@ -76,63 +68,6 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         }
         None => Ok(DONE),
     }
-}
-
-/// Page of a comparison: errors, where the model fails, and pictures of the last recording, a held-out one if there is
-/// any.
-fn report(
-    c: &Comparison,
-    (model, beside): (&Model, Option<&Model>),
-    data: &Data,
-    args: &Args,
-) -> miette::Result<Report> {
-    let mut page = Report::new("deltatwin compare", format!("{} and what was measured", args.model.display()));
-    let number = |x: f64| significant(x, 4);
-    let row = |(i, channel): (usize, &Channel)| {
-        let held_out = c.held_out_rms.as_ref().map_or("–".into(), |rms| number(rms[i]));
-        vec![format!("{channel} / {}", channel.unit()), number(c.rms[i]), held_out, number(c.noise_floor[i])]
-    };
-    let rows: Vec<Vec<String>> = c.channels.iter().enumerate().map(row).collect();
-    page.table(&["RMS", "model", "held out", "noise floor"], &rows);
-    page.heading("Where the model fails");
-    if c.findings.is_empty() {
-        page.paragraph("Nothing stands out.");
-    }
-    for finding in &c.findings {
-        page.paragraph(&finding.sentence);
-    }
-    let mut stages = vec![Stage { name: "model", model }];
-    let file = args.beside.as_ref().map(|path| path.display().to_string()).unwrap_or_default();
-    stages.extend(beside.map(|model| Stage { name: &file, model }));
-    if let Some(dataset) = data.held_out.last().or(data.datasets.last()) {
-        page.heading(&format!("Pictures of {}", dataset.name));
-        for (figure, caption) in residual::figures(&stages, dataset, &c.noise_floor).into_diagnostic()? {
-            page.figure(&figure, &caption);
-        }
-    }
-    Ok(page)
-}
-
-fn json(c: &Comparison) -> Map<String, Value> {
-    let mut object = Map::new();
-    object.insert("channels".into(), channel_names(&c.channels));
-    insert_channels(&mut object, "rms", &c.channels, &c.rms);
-    insert_channels(&mut object, "noise_floor", &c.channels, &c.noise_floor);
-    match &c.held_out_rms {
-        Some(rms) => insert_channels(&mut object, "held_out_rms", &c.channels, rms),
-        None => drop(object.insert("held_out_rms".into(), Value::Null)),
-    }
-    let finding = |f: &Finding| {
-        json!({
-            "axis": f.channel.drive().map(|i| i + 1),
-            "channel": f.channel.to_string(),
-            "where": f.place,
-            "share": f.share,
-            "sentence": f.sentence,
-        })
-    };
-    object.insert("findings".into(), c.findings.iter().map(finding).collect());
-    object
 }
 
 fn print(c: &Comparison) -> miette::Result<()> {

@@ -8,11 +8,11 @@ use indicatif::{ProgressBar, ProgressStyle};
 use miette::{IntoDiagnostic, WrapErr};
 use serde_json::json;
 
-use crate::terminal::{today, wrapped};
+use crate::terminal::{origin, spinner, wrapped};
 use deltatwin::dynamics::Channel;
-use deltatwin::model::Provenance;
+use deltatwin_analysis::{Inputs, folder};
 use deltatwin_io::model;
-use deltatwin_validation::demo::{DURATION, Findings, MODEL, describe, figures, hidden, hide, investigate};
+use deltatwin_validation::demo::{DURATION, Findings, MODEL, describe, hidden, hide, investigate};
 use deltatwin_validation::exam::Campaign;
 
 /// Hide an effect in a robot, measure it, and find it: the whole loop in under a minute.
@@ -39,12 +39,19 @@ impl Default for Args {
     }
 }
 
+/// Prints a line of the demo; what was found is in its files, too, if nobody reads it here.
+macro_rules! tell {
+    ($($line:tt)*) => {{
+        let _ = crate::terminal::say(format!($($line)*));
+    }};
+}
+
 /// Runs the demo; returns the exit status 0, or 1 if the hidden effect was not found.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let model = model::parse(MODEL, Path::new("models/irb360-6-1600.toml"))?;
     let say = |text: String| {
         if !args.json {
-            println!("{text}");
+            tell!("{text}");
         }
     };
     say(format!("Robot: {} with a 2.5 kg payload and one effect its model does not have.", model.name));
@@ -71,17 +78,15 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         "Measured: two motions of {DURATION} s at {:.1} kHz, quantised encoders, noisy torques, one strut with a force sensor.",
         1e-3 / model.sample_time
     ));
-    let spinner = ProgressBar::new_spinner();
-    spinner.set_style(ProgressStyle::with_template("{spinner} {msg}").expect("a valid template"));
-    spinner.enable_steady_tick(std::time::Duration::from_millis(100));
-    let findings = investigate(&measured, &mut |what| spinner.set_message(what.to_string()));
-    spinner.finish_and_clear();
+    let progress = spinner("check");
+    let findings = investigate(&measured, &mut |step| progress.set_message(super::run::message(&step)));
+    progress.finish_and_clear();
     let findings = findings.into_diagnostic()?;
     let files = write(args, &measured, &findings)?;
     if args.json {
         let mut object = summary(args, &measured, &findings, &files);
         object["left_out"] = left_out.iter().map(|(name, why)| json!({"name": name, "why": why})).collect();
-        println!("{object}");
+        tell!("{object}");
     } else {
         print(&measured, &findings, &files);
     }
@@ -99,80 +104,73 @@ fn write(args: &Args, campaign: &Campaign, findings: &Findings) -> miette::Resul
         deltatwin_io::recording::write(recording, &path).into_diagnostic()?;
         files.push(path);
     }
-    let path = folder.join("model.toml");
-    let recordings = vec![campaign.measurement.name.clone()];
-    let provenance = Provenance::new(
-        "demo",
-        today(),
-        recordings,
-        findings.diagnosis.parameters[1].iter().map(|p| (p.name.clone(), p.std)),
-    );
-    match deltatwin_io::model::write_fitted(&findings.diagnosis.model, &path, &provenance) {
-        Ok(()) => files.push(path),
-        Err(why) => eprintln!("no model file: {why}"),
-    }
-    let path = folder.join("report.html");
-    figures::report(campaign, findings)
-        .write(&path)
-        .into_diagnostic()
-        .wrap_err_with(|| format!("cannot write {}", path.display()))?;
-    files.push(path);
+    let delivered = folder.join("delivered.toml");
+    deltatwin_io::model::write(&campaign.model, &delivered)?;
+    let inputs = Inputs { data: vec![files[0].clone()], held_out: vec![files[1].clone()], ..Inputs::default() };
+    let mut origin = origin("demo", Some(&delivered), &inputs, &[])?;
+    let answer = if findings.right { "The diagnosis has found it." } else { "The diagnosis has not found it." };
+    origin.note = format!("Hidden in the robot was {}. {answer}", describe(campaign));
+    files.push(delivered);
+    files.extend(folder::write(folder, &findings.analysis, &campaign.model, &findings.data, &origin)?);
     #[cfg(feature = "viewer")]
     {
         let path = folder.join("validation.rrd");
-        deltatwin_rerun::replay::write(&path, &campaign.validation, &findings.identified.model)?;
+        deltatwin_rerun::replay::write(&path, &campaign.validation, &findings.analysis.identification.fitted.model)?;
         files.push(path);
     }
     Ok(files)
 }
 
 fn print(campaign: &Campaign, findings: &Findings, files: &[PathBuf]) {
-    let d = &findings.diagnosis;
-    println!("\nWhere the model as delivered fails:");
-    for f in findings.comparison.findings.iter().take(4) {
-        println!("  {}", f.sentence);
+    let d = &findings.analysis.diagnosis;
+    tell!("\nWhere the model as delivered fails:");
+    for f in findings.analysis.delivered.findings.iter().take(4) {
+        tell!("  {}", f.sentence);
     }
-    println!("\nDiagnosis: {}", d.verdict);
+    tell!("\nDiagnosis: {}", d.verdict);
     for e in &d.effects {
-        println!(
+        tell!(
             "  {} (probability {:.2}, explains {:.1} % of the explainable error)",
             e.name,
             e.confidence.probability(),
             100.0 * e.explained
         );
         for p in &e.parameters {
-            println!("    {:<18} {}", p.name, p.unit.quantity(format!("{:>10.5} ± {:.5}", p.value, p.std)));
+            tell!("    {:<18} {}", p.name, p.unit.quantity(format!("{:>10.5} ± {:.5}", p.value, p.std)));
         }
     }
     for set in &d.indistinguishable {
-        println!("  these data cannot tell apart: {}", set.join(", "));
+        tell!("  these data cannot tell apart: {}", set.join(", "));
     }
     if let Some(next) = &d.next_experiment {
-        println!("{}", wrapped(&format!("next experiment, {}", next.what), 2));
+        tell!("{}", wrapped(&format!("next experiment, {}", next.what), 2));
     }
-    let [delivered, identified, added] = figures::stage_rms(findings);
-    println!("\nRMS error on the held-out motion");
-    println!("  {:<14} {:>12} {:>12} {:>12} {:>12}", "", "delivered", "identified", "effect added", "noise floor");
+    let [delivered, identified, added] = findings.stage_rms();
+    tell!("\nRMS error on the held-out motion");
+    tell!("  {:<14} {:>12} {:>12} {:>12} {:>12}", "", "delivered", "identified", "effect added", "noise floor");
     for (c, channel) in d.channels.iter().enumerate() {
         let label = match channel {
             Channel::Torque(i) => format!("axis {} / N·m", i + 1),
             other => format!("{other} / N"),
         };
-        println!(
+        tell!(
             "  {label:<14} {:>12.4} {:>12.4} {:>12.4} {:>12.4}",
-            delivered[c], identified[c], added[c], d.noise_floor[c]
+            delivered[c],
+            identified[c],
+            added[c],
+            d.noise_floor[c]
         );
     }
-    println!("\nHidden was {}", describe(campaign));
-    println!("{}", if findings.right { "Found." } else { "Not found." });
-    println!("\nWritten:");
+    tell!("\nHidden was {}", describe(campaign));
+    tell!("{}", if findings.right { "Found." } else { "Not found." });
+    tell!("\nWritten:");
     for f in files {
-        println!("  {}", f.display());
+        tell!("  {}", f.display());
     }
 }
 
 fn summary(args: &Args, campaign: &Campaign, findings: &Findings, files: &[PathBuf]) -> serde_json::Value {
-    let d = &findings.diagnosis;
+    let d = &findings.analysis.diagnosis;
     let axes = |v: &[f64]| v[..4].to_vec();
     json!({
         "seed": args.seed,
@@ -182,7 +180,7 @@ fn summary(args: &Args, campaign: &Campaign, findings: &Findings, files: &[PathB
         "named": d.effects.iter().map(|e| e.name.clone()).collect::<Vec<_>>(),
         "indistinguishable": d.indistinguishable,
         "right": findings.right,
-        "rms_delivered": axes(&figures::stage_rms(findings)[0]),
+        "rms_delivered": axes(&findings.stage_rms()[0]),
         "rms_before": axes(&d.rms_before),
         "rms_after": axes(&d.rms_after),
         "noise_floor": axes(&d.noise_floor),

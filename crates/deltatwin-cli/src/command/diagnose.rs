@@ -2,9 +2,8 @@
 
 pub mod budget;
 mod details;
-mod json;
 mod screen;
-mod time;
+pub mod time;
 mod unexplained;
 
 use std::path::{Path, PathBuf};
@@ -15,11 +14,13 @@ use miette::{IntoDiagnostic, WrapErr};
 use crate::command::gate::{guard, much_is_left};
 use crate::command::identify::provenance;
 use crate::data::{Data, DataArgs};
-use crate::terminal::{DONE, catch_interrupt, check_output, say, spinner, warn, write_figure};
+use crate::report::{check_report, write_report};
+use crate::terminal::{DONE, catch_interrupt, check_output, origin, say, spinner, warn, write_figure};
 use deltatwin::diagnosis::{Diagnosis, NextExperiment, Options, diagnose_with};
 use deltatwin::identification::Dataset;
 use deltatwin::machine::Configuration;
 use deltatwin::model::Model;
+use deltatwin_analysis::page;
 use deltatwin_io::model;
 use deltatwin_io::scenario::write_experiment;
 use deltatwin_report::drawing;
@@ -44,6 +45,9 @@ pub struct Args {
     /// Figure to write: what acts where no known effect explains it.
     #[arg(long, value_name = "SVG")]
     pub figure: Option<PathBuf>,
+    /// Page to write, with the candidates, the errors before and after, and what is left.
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
     /// Show all candidates with their p-values, the error budget and the parameters that moved.
     #[arg(short, long)]
     pub verbose: bool,
@@ -67,16 +71,19 @@ fn positive(text: &str) -> Result<f64, String> {
 pub fn run(args: &Args) -> miette::Result<u8> {
     let model = model::read(&args.model)?;
     if let Some(output) = &args.output {
-        let mut inputs = Data::inputs(&args.data);
+        let given = args.data.inputs();
+        let mut inputs = given.files();
         inputs.push(&args.model);
         check_output(output, &inputs, &["toml"])?;
     }
     if let Some(output) = &args.next {
-        let mut inputs = Data::inputs(&args.data);
+        let given = args.data.inputs();
+        let mut inputs = given.files();
         inputs.push(&args.model);
         check_output(output, &inputs, &["toml"])?;
     }
-    let data = Data::read(&args.data, &model)?;
+    check_report(args.report.as_deref(), &args.model, &args.data)?;
+    let data = Data::read(&args.data.inputs(), &model)?;
     warn(&data.warnings);
     data.check_held(&args.hold, &model)?;
     guard(&model, &data, &args.data)?;
@@ -96,7 +103,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let scenario = answer.next_experiment.as_ref().zip(args.next.as_deref()).filter(|(next, _)| writable(next, &model));
     let file = scenario.map(|(_, file)| file);
     if args.json {
-        say(json::diagnosis(&answer, args.output.as_deref(), file))?;
+        say(deltatwin_analysis::diagnose::json(&answer, args.output.as_deref(), file))?;
     } else {
         screen::print(&answer, args)?;
         if args.verbose {
@@ -105,6 +112,10 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         say("")?;
     }
     write(&answer, args, &model, scenario)?;
+    write_report(args.report.as_deref(), args.json, || {
+        let origin = origin("diagnose", Some(&args.model), &args.data.inputs(), &data.warnings)?;
+        page::of_diagnosis(&answer, &model, &data, &origin).into_diagnostic()
+    })?;
     Ok(DONE)
 }
 

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use miette::{IntoDiagnostic, miette};
 use rayon::prelude::*;
 
-use crate::terminal::{DONE, INTERRUPTED, Table, bar, catch_interrupt, interrupted, paths, say, warn, write_figure};
+use crate::terminal::{
+    DONE, INTERRUPTED, Table, bar, catch_interrupt, complain, interrupted, paths, say, warn, write_figure,
+};
 use deltatwin::machine::Mechanism;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
@@ -122,7 +124,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         }
     }
     if interrupted() {
-        eprintln!("interrupted; the same command goes on");
+        complain("interrupted; the same command goes on");
         return Ok(INTERRUPTED);
     }
     if args.no_answers {

@@ -6,22 +6,22 @@ mod payload;
 use std::path::{Path, PathBuf};
 
 use miette::{IntoDiagnostic, WrapErr, miette};
-use serde_json::{Map, Value, json};
 
 use self::how::How;
 use crate::command::gate::{guard, much_is_left};
 use crate::data::{Data, DataArgs};
-use crate::terminal::{
-    DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, spinner, today, warn,
-};
-use deltatwin::dynamics::Channel;
+use crate::report::{check_report, write_report};
+use crate::terminal::{DONE, Table, check_output, origin, say, spinner, today, warn};
+use deltatwin::comparison::compare;
 use deltatwin::identification::consistency::min_eigenvalue;
 use deltatwin::identification::dataset::noise_floor as floor;
-use deltatwin::identification::fit::{FitError, Moved, Unidentified};
-use deltatwin::identification::{BaseParameter, Estimate, Fit, Residuals, fit_with};
-use deltatwin::machine::bodies::{Inertia, body_name};
+use deltatwin::identification::fit::FitError;
+use deltatwin::identification::{BaseParameter, Estimate, Fit, fit_with};
 use deltatwin::model::{Model, Provenance};
 use deltatwin::text::significant;
+use deltatwin_analysis::identify::Identification;
+use deltatwin_analysis::page;
+use deltatwin_analysis::run::held_out_rms;
 use deltatwin_io::model;
 
 /// Estimate the parameters of a model from recordings.
@@ -40,6 +40,9 @@ pub struct Args {
     /// Identify the payload instead, with everything else as the model has it; `-o` then writes a setup file.
     #[arg(long)]
     pub payload: bool,
+    /// Page to write, with the errors before and after, the parameters, and what is left.
+    #[arg(long, value_name = "FILE.html", conflicts_with = "payload")]
+    pub report: Option<PathBuf>,
     #[command(flatten)]
     how: How,
     /// One JSON object on stdout.
@@ -51,12 +54,14 @@ pub struct Args {
 pub fn run(args: &Args) -> miette::Result<u8> {
     let mut model = model::read(&args.model)?;
     if let Some(output) = &args.output {
-        let mut inputs = Data::inputs(&args.data);
+        let given = args.data.inputs();
+        let mut inputs = given.files();
         inputs.push(&args.model);
         check_output(output, &inputs, &["toml"])?;
     }
+    check_report(args.report.as_deref(), &args.model, &args.data)?;
     model.link_parameters = args.how.links();
-    let data = Data::read_with(&args.data, &model, args.how.method())?;
+    let data = Data::read_with(&args.data.inputs(), &model, args.how.method())?;
     warn(&data.warnings);
     data.check_held(args.how.fixed(), &model)?;
     guard(&model, &data, &args.data)?;
@@ -71,12 +76,9 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     progress.finish_and_clear();
     let fitted = fitted.map_err(refusal)?;
     warn(&much_is_left(data.channels(), &fitted.residuals.rms, &noise_floor));
-    let held_out_rms = match data.held_out[..] {
-        [] => None,
-        _ => Some(Residuals::new(&fitted.model, &data.held_out).into_diagnostic()?.rms),
-    };
-    let answer = Answer { fitted, channels: data.channels(), noise_floor, held_out_rms };
-    if args.json { say(answer.json(args)) } else { answer.print() }?;
+    let held_out_rms = held_out_rms(&fitted.model, &data.held_out).into_diagnostic()?;
+    let answer = Identification { fitted, channels: data.channels().to_vec(), noise_floor, held_out_rms };
+    if args.json { say(answer.json(args.output.as_deref())) } else { print(&answer) }?;
     match &args.output {
         Some(output) => {
             let provenance = provenance("identify", &args.data, &answer.fitted.parameters);
@@ -85,6 +87,11 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         None if args.json => {}
         None => say("  Nothing written; -o FILE keeps the model")?,
     }
+    write_report(args.report.as_deref(), args.json, || {
+        let origin = origin("identify", Some(&args.model), &args.data.inputs(), &data.warnings)?;
+        let before = compare(&model, &data.datasets, &data.held_out).into_diagnostic()?;
+        page::of_identification(&answer, &before, &model, &data, &origin).into_diagnostic()
+    })?;
     Ok(DONE)
 }
 
@@ -116,89 +123,32 @@ pub(crate) fn write(model: &Model, output: &Path, provenance: &Provenance, quiet
     if quietly { Ok(()) } else { say(format!("  Wrote {}", output.display())) }
 }
 
-struct Answer<'a> {
-    fitted: Fit,
-    channels: &'a [Channel],
-    noise_floor: Vec<f64>,
-    held_out_rms: Option<Vec<f64>>,
-}
-
-impl Answer<'_> {
-    fn json(&self, args: &Args) -> Value {
-        let mut object = Map::new();
-        object.insert("parameters".into(), estimates(&self.fitted.parameters));
-        object.insert("base_parameters".into(), base(&self.fitted.base));
-        let structure = &self.fitted.structure;
-        object.insert("rank".into(), json!(structure.rank));
-        object.insert("condition".into(), json!(structure.condition()));
-        object.insert("singular_values".into(), json!(structure.singular_values.as_slice()));
-        object.insert("unidentified".into(), unidentified(&self.fitted));
-        object.insert("channels".into(), channel_names(self.channels));
-        insert_channels(&mut object, "rms", self.channels, &self.fitted.residuals.rms);
-        match &self.held_out_rms {
-            Some(rms) => insert_channels(&mut object, "held_out_rms", self.channels, rms),
-            None => drop(object.insert("held_out_rms".into(), Value::Null)),
-        }
-        insert_channels(&mut object, "noise_floor", self.channels, &self.noise_floor);
-        object.insert("min_pseudo_inertia_eigenvalue".into(), json!(min_eigenvalue(&self.fitted.model.bodies)));
-        object.insert("pseudo_inertia_eigenvalues".into(), eigenvalues(&self.fitted.model));
-        object.insert("consistency".into(), correction(&self.fitted));
-        object.insert("model".into(), args.output.as_deref().map_or(Value::Null, path));
-        Value::Object(object)
+fn print(answer: &Identification) -> miette::Result<()> {
+    let fitted = &answer.fitted;
+    let mut table = Table::new(&["Parameter", "value", "std", "unit"], &[3]);
+    for p in fitted.parameters.iter().filter(|p| p.identified()) {
+        table.row([p.name.clone(), significant(p.value, 4), significant(p.std, 2), p.unit.to_string()]);
     }
-
-    fn print(&self) -> miette::Result<()> {
-        let fitted = &self.fitted;
-        let mut table = Table::new(&["Parameter", "value", "std", "unit"], &[3]);
-        for p in fitted.parameters.iter().filter(|p| p.identified()) {
-            table.row([p.name.clone(), significant(p.value, 4), significant(p.std, 2), p.unit.to_string()]);
+    say(table)?;
+    let together: Vec<&BaseParameter> = fitted.base.iter().filter(|b| !b.others.is_empty()).collect();
+    if !together.is_empty() {
+        let mut table = Table::new(&["Value", "std", "unit", "only together"], &[2, 3]);
+        for b in together {
+            table.row([significant(b.value, 4), significant(b.std, 2), b.unit.to_string(), b.combination()]);
         }
-        say(table)?;
-        let together: Vec<&BaseParameter> = fitted.base.iter().filter(|b| !b.others.is_empty()).collect();
-        if !together.is_empty() {
-            let mut table = Table::new(&["Value", "std", "unit", "only together"], &[2, 3]);
-            for b in together {
-                table.row([significant(b.value, 4), significant(b.std, 2), b.unit.to_string(), b.combination()]);
-            }
-            say(format!("\n{table}"))?;
-        }
-        print_unidentified(fitted)?;
-        let series = [
-            ("fitted", Some(&fitted.residuals.rms[..])),
-            ("held out", self.held_out_rms.as_deref()),
-            ("noise floor", Some(&self.noise_floor[..])),
-        ];
-        say(format!("\n{}", Table::of_channels(self.channels, &series)))?;
-        let structure = &fitted.structure;
-        say(format!(
-            "\n  {} base parameters, condition number {}",
-            structure.rank,
-            significant(structure.condition(), 3)
-        ))?;
-        say(format!("  Smallest pseudo-inertia eigenvalue {:.3e}", min_eigenvalue(&fitted.model.bodies)))?;
-        print_correction(fitted)
+        say(format!("\n{table}"))?;
     }
-}
-
-/// Smallest pseudo-inertia eigenvalue of every body with non-zero inertia.
-fn eigenvalues(model: &Model) -> Value {
-    let real = model.bodies.0.iter().enumerate().filter(|(_, b)| **b != Inertia::ZERO);
-    Value::Object(real.map(|(b, inertia)| (body_name(b), json!(inertia.min_eigenvalue()))).collect())
-}
-
-/// The consistency correction and the moved parameters; null without a correction.
-fn correction(fitted: &Fit) -> Value {
-    let Some(c) = fitted.correction else { return Value::Null };
-    let one =
-        |m: &Moved| json!({"name": m.name, "free": m.free, "value": m.value, "std": m.std, "unit": m.unit.to_string()});
-    let moved: Vec<Value> = fitted.moved.iter().map(one).collect();
-    json!({"cost": c.cost, "duality_gap": c.gap, "moved": moved})
-}
-
-/// Parameters that the data do not determine, with the reason.
-fn unidentified(fitted: &Fit) -> Value {
-    let one = |u: &Unidentified| json!({"name": u.name, "reason": u.reason.to_string()});
-    fitted.unidentified.iter().map(one).collect()
+    print_unidentified(fitted)?;
+    let series = [
+        ("fitted", Some(&fitted.residuals.rms[..])),
+        ("held out", answer.held_out_rms.as_deref()),
+        ("noise floor", Some(&answer.noise_floor[..])),
+    ];
+    say(format!("\n{}", Table::of_channels(&answer.channels, &series)))?;
+    let structure = &fitted.structure;
+    say(format!("\n  {} base parameters, condition number {}", structure.rank, significant(structure.condition(), 3)))?;
+    say(format!("  Smallest pseudo-inertia eigenvalue {:.3e}", min_eigenvalue(&fitted.model.bodies)))?;
+    print_correction(fitted)
 }
 
 fn print_unidentified(fitted: &Fit) -> miette::Result<()> {
@@ -226,13 +176,4 @@ fn print_correction(fitted: &Fit) -> miette::Result<()> {
         table.row([m.name.clone(), significant(m.free, 4), significant(m.value, 4), by, m.unit.to_string()]);
     }
     say(format!("\n{table}"))
-}
-
-fn base(parameters: &[BaseParameter]) -> Value {
-    let entry = |b: &BaseParameter| {
-        let content =
-            json!({"value": b.value, "std": b.std, "unit": b.unit.to_string(), "combination": b.combination()});
-        (b.name.clone(), content)
-    };
-    Value::Object(parameters.iter().map(entry).collect())
 }

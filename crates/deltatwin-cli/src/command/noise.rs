@@ -79,7 +79,7 @@ impl TorqueNoise {
 
 /// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
-    let data = Data::of_any_machine(&args.data)?;
+    let data = Data::of_any_machine(&args.data.inputs())?;
     warn(&data.warnings);
     let datasets: Vec<Dataset> = data.datasets.into_iter().chain(data.held_out).collect();
     let noise = TorqueNoise::of(&datasets);

@@ -7,7 +7,9 @@ use std::time::Instant;
 use miette::{IntoDiagnostic, WrapErr};
 use serde_json::{Map, Value, json};
 
-use crate::terminal::{BAD_ANSWER, DONE, Table, assembled_robot, check_output, path, say, spinner, warn, write_figure};
+use crate::terminal::{
+    BAD_ANSWER, DONE, Table, assembled_robot, check_output, complain, path, say, spinner, warn, write_figure,
+};
 use deltatwin::dynamics::Plant;
 use deltatwin::planner::trajectory::trajectory;
 use deltatwin::planner::validation::{Execution, execute};
@@ -77,7 +79,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
             if args.json {
                 say(json!({ "path": path(&args.path), "time": Value::Null, "error": error.to_string() }))?;
             }
-            eprintln!("error: {}: {error}", args.path.display());
+            complain(format!("error: {}: {error}", args.path.display()));
             return Ok(BAD_ANSWER);
         }
     };

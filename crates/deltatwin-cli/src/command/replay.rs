@@ -1,52 +1,66 @@
 //! `deltatwin replay`.
 
-use std::path::{Path, PathBuf};
+mod send;
+#[cfg(feature = "viewer")]
+mod show;
 
-use serde_json::json;
+use std::path::PathBuf;
 
-use crate::terminal::{DONE, check_output, path, say, spinner, warn};
-use deltatwin_io::{model, recording};
+use crate::data::positive;
+use deltatwin_watch::mqtt::Address;
 
-/// Look at a recording in Rerun: the moving robot, measured and predicted torques.
+/// Look at a recording in Rerun: the moving robot, measured and predicted torques; or send it to a broker.
+///
+/// With --mqtt the samples are published like those of a running machine, for `deltatwin watch`.
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = "Example: deltatwin replay run.mcap && rerun run.rrd")]
 pub struct Args {
-    /// Recording.
-    pub recording: PathBuf,
+    /// Recordings; several are sent one after the other.
+    #[arg(required = true, value_name = "REC")]
+    pub recordings: Vec<PathBuf>,
     /// Rerun file to write; without it, beside the recording.
     #[arg(short, long, value_name = "RRD")]
     pub output: Option<PathBuf>,
     /// Model file to compare with; the shipped `irb360-6-1600.toml` without it.
     #[arg(long, value_name = "M")]
     pub model: Option<PathBuf>,
+    /// Later model file, whose residual is shown beside.
+    #[arg(long, value_name = "MODEL2")]
+    pub beside: Option<PathBuf>,
+    #[cfg(feature = "viewer")]
+    #[command(flatten)]
+    viewer: super::view::LiveView,
+    /// Broker to publish the samples at, instead of writing a file.
+    #[arg(long, value_name = "URL", requires = "topic", conflicts_with = "output")]
+    pub mqtt: Option<Address>,
+    /// Topic of the samples.
+    #[arg(long, value_name = "TOPIC", requires = "mqtt")]
+    pub topic: Option<String>,
+    /// Seconds of the recording per second, to the broker or with --live.
+    #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = positive)]
+    pub speed: f64,
+    /// Seconds of samples in a message.
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.02, value_parser = positive, requires = "mqtt")]
+    pub batch: f64,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
 }
 
-/// Default model for the comparison.
-const SHIPPED: &str = include_str!("../../../../models/irb360-6-1600.toml");
-
 /// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
-    let output = args.output.clone().unwrap_or_else(|| args.recording.with_extension("rrd"));
-    let inputs: Vec<&Path> = std::iter::once(&args.recording).chain(&args.model).map(PathBuf::as_path).collect();
-    check_output(&output, &inputs, &["rrd"])?;
-    // The shipped model is embedded, so it is available in any folder.
-    let model = match &args.model {
-        Some(file) => model::read(file)?,
-        None => model::parse(SHIPPED, Path::new("irb360-6-1600.toml"))?,
-    };
-    let (recording, warnings) = recording::read_of(&args.recording, None, model.mechanism)?;
-    warn(&warnings);
-    let progress = spinner("replay");
-    let written = deltatwin_rerun::replay::write(&output, &recording, &model);
-    progress.finish_and_clear();
-    written?;
-    if args.json {
-        say(json!({"rrd": path(&output), "samples": recording.signals.len(), "warnings": warnings}))?;
-    } else {
-        say(format!("Wrote {}; look at it with: rerun {}", output.display(), output.display()))?;
+    match (&args.mqtt, &args.topic) {
+        (Some(address), Some(topic)) => send::run(args, address, topic),
+        _ => look(args),
     }
-    Ok(DONE)
+}
+
+#[cfg(feature = "viewer")]
+fn look(args: &Args) -> miette::Result<u8> {
+    show::run(args)
+}
+
+#[cfg(not(feature = "viewer"))]
+fn look(_: &Args) -> miette::Result<u8> {
+    Err(miette::miette!("this program was built without the viewer; expected --mqtt URL --topic TOPIC"))
 }

@@ -1,18 +1,25 @@
 //! `deltatwin simulate`.
 
-#[cfg(feature = "viewer")]
-mod view;
+mod receiver;
+mod remedy;
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use miette::{IntoDiagnostic, WrapErr, miette};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
+use self::receiver::Receiving;
+use self::remedy::Remedy;
+#[cfg(feature = "viewer")]
+use crate::command::view::LiveView;
+#[cfg(feature = "viewer")]
+use crate::data::positive;
 use crate::terminal::{
-    BAD_ANSWER, BAD_INPUT, DONE, INTERRUPTED, bar, catch_interrupt, check_output, interrupted, path, say,
+    BAD_ANSWER, BAD_INPUT, DONE, INTERRUPTED, bar, catch_interrupt, check_output, complain, error_json, interrupted,
+    path, say,
 };
 use deltatwin::dynamics::Plant;
 use deltatwin::kinematics::motion::SOCKETS;
@@ -20,16 +27,18 @@ use deltatwin::machine::Unit;
 use deltatwin::model::Model;
 use deltatwin::recording::{Context, Difference, Recording};
 use deltatwin::scenario::{DesiredMotion, Formulation, Scenario};
-use deltatwin::twin::origin::{origin, with_run};
+use deltatwin::twin::origin::origin;
 use deltatwin::twin::sockets::socket_name;
-use deltatwin::twin::{LARGEST_ENERGY_ERROR, Options, Report, SimulationError, simulate, simulate_until_failure};
+use deltatwin::twin::{
+    Cause, LARGEST_ENERGY_ERROR, Options, Report, SimulationError, setup_of_run, simulate, simulate_into,
+};
 use deltatwin_io::file::WriteError;
 use deltatwin_io::{model, recording, scenario};
 
 /// Run the twin.
 ///
-/// Several scenarios run at once on all cores. Ctrl-C ends a run at its next sample; what was simulated until then is
-/// written.
+/// Several scenarios run at once on all cores. A recording grows on the disk as REC.partial until it is complete, at
+/// constant memory. Ctrl-C ends a run at its next sample; what was simulated until then is kept.
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = "Example: deltatwin simulate scenarios/crash.toml -o run.mcap --step-error")]
 pub struct Args {
@@ -58,7 +67,11 @@ pub struct Args {
     pub rrd: Option<PathBuf>,
     #[cfg(feature = "viewer")]
     #[command(flatten)]
-    viewer: view::View,
+    viewer: LiveView,
+    /// Simulated seconds per second of --live.
+    #[cfg(feature = "viewer")]
+    #[arg(long, value_name = "X", default_value_t = 1.0, requires = "live", value_parser = positive)]
+    speed: f64,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -78,28 +91,38 @@ struct Job {
     options: Options,
     output: Option<PathBuf>,
     origin: Context,
+    /// Whether the samples are needed after the run, besides their file.
+    keeps: bool,
 }
 
 /// Result of a job.
 struct Outcome {
+    /// Number of samples.
+    samples: usize,
+    /// The run as a whole, if the job keeps it.
     recording: Recording,
+    /// Why the recording was not written, if it was not.
+    unwritten: Option<WriteError>,
     report: Report,
     wall: f64,
     step_error: Option<Vec<Difference>>,
     /// Error that ended the run early.
     failure: Option<SimulationError>,
+    /// Finer steps that were tried because the energy balance does not close.
+    remedy: Option<Remedy>,
 }
 
 impl Outcome {
     /// Reason why the run as a whole is invalid, if it is.
     fn complaint(&self) -> Option<String> {
+        let remedy = self.remedy.as_ref().map_or(String::new(), |remedy| format!("; {remedy}"));
         if let Some(failure) = &self.failure {
-            return Some(failure.to_string());
+            return Some(failure.to_string() + &remedy);
         }
         (!self.report.energy_closes()).then(|| {
             format!(
-                "the energy balance does not close: {:.2} % of the work turned over is unaccounted for, expected at most {} %; \
-                 the step is too long for the motion (shorten `sample_time` or raise `substeps`)",
+                "the energy balance does not close: {:.2} % of the work turned over is unaccounted for, expected at most \
+                 {} %; the step is too long for the motion (shorten `sample_time` or raise `substeps`){remedy}",
                 1e2 * self.report.energy_error,
                 1e2 * LARGEST_ENERGY_ERROR
             )
@@ -125,7 +148,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     #[cfg(feature = "viewer")]
     alone("--rrd", args.rrd.is_some())?;
     #[cfg(feature = "viewer")]
-    alone("--connect or --spawn", args.viewer.wanted())?;
+    alone("--connect, --spawn or --live", args.viewer.wanted())?;
     #[cfg(feature = "viewer")]
     if let Some(rrd) = &args.rrd {
         check_output(rrd, &[args.scenarios[0].as_path()], &["rrd"])?;
@@ -138,10 +161,14 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         let plant = Plant::new(&job.machine, &job.scenario.setup);
         args.viewer.open(&job.scenario.name, &plant, &mut job.options, FRAME)
     });
-    let outcomes = execute_all(&jobs, args.step_error);
+    #[cfg(feature = "viewer")]
+    let pace = args.viewer.is_live().then_some(args.speed);
+    #[cfg(not(feature = "viewer"))]
+    let pace = None;
+    let outcomes = execute_all(&jobs, args.step_error, pace);
     #[cfg(feature = "viewer")]
     if let Some(problem) = stream.and_then(deltatwin_rerun::stream::Stream::finish) {
-        eprintln!("warning: {problem}");
+        complain(format!("warning: {problem}"));
     }
     let mut status = DONE;
     let mut runs = Vec::new();
@@ -149,20 +176,23 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         let outcome = match outcome {
             Ok(outcome) => outcome,
             Err(error @ (SimulationError::Singular { .. } | SimulationError::Cell { .. })) => {
-                eprintln!("error: {}: {error}", job.scenario.name);
+                complain(format!("error: {}: {error}", job.scenario.name));
                 status = BAD_ANSWER;
+                let error = error_json(&miette!("{error}"));
+                runs.push(json!({ "scenario": job.scenario.name, "error": error }));
                 continue;
             }
             Err(error) => return Err(error).into_diagnostic().wrap_err_with(|| job.scenario.name.clone()),
         };
         if let Some(complaint) = outcome.complaint() {
-            eprintln!("error: {}: {complaint}", job.scenario.name);
+            complain(format!("error: {}: {complaint}", job.scenario.name));
             status = BAD_ANSWER;
         }
         // A failure to write one result does not affect the others.
-        let written = write(job, &outcome, args);
+        let mut outcome = outcome;
+        let written = outcome.unwritten.take().map_or_else(|| show(job, &outcome, args), Err);
         if let Err(error) = &written {
-            eprintln!("error: {}: {error}", job.scenario.name);
+            complain(format!("error: {}: {error}", job.scenario.name));
             status = BAD_INPUT;
         }
         let difference = verify.as_ref().map(|earlier| outcome.recording.first_difference(earlier));
@@ -170,7 +200,10 @@ pub fn run(args: &Args) -> miette::Result<u8> {
             status = BAD_ANSWER;
         }
         if args.json {
-            runs.push(json(job, &outcome, difference.as_ref(), written.is_ok()));
+            let mut run = json(job, &outcome, difference.as_ref(), written.is_ok());
+            let complaint = written.as_ref().err().map(ToString::to_string).or(outcome.complaint());
+            run["error"] = complaint.map_or(Value::Null, |complaint| error_json(&miette!("{complaint}")));
+            runs.push(run);
         } else {
             print(job, &outcome, difference.as_ref(), args, written.is_ok())?;
         }
@@ -184,17 +217,21 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     Ok(if interrupted() { INTERRUPTED } else { status })
 }
 
-/// Runs all jobs on all cores, with a progress bar over their simulated time.
-fn execute_all(jobs: &[Job], step_error: bool) -> Vec<Result<Outcome, SimulationError>> {
+/// Runs all jobs on all cores, with a progress bar over their simulated time; with a `pace`, no faster than so many
+/// simulated seconds per second.
+fn execute_all(jobs: &[Job], step_error: bool, pace: Option<f64>) -> Vec<Result<Outcome, SimulationError>> {
     let total: f64 = jobs.iter().map(|j| j.scenario.duration).sum();
     let progress = bar("simulate", (total * 1e3) as u64);
-    let done = AtomicU64::new(0);
+    let (done, start) = (AtomicU64::new(0), Instant::now());
     let one = |job: &Job| {
         let mut last = 0;
         execute(job, step_error, &mut |t| {
             let now = (t * 1e3) as u64;
             progress.set_position(done.fetch_add(now - last, Ordering::Relaxed) + now - last);
             last = now;
+            if let Some(pace) = pace {
+                std::thread::sleep(Duration::from_secs_f64(t / pace).saturating_sub(start.elapsed()));
+            }
             !interrupted()
         })
     };
@@ -222,19 +259,15 @@ fn distinct(files: &[PathBuf], jobs: &[Job]) -> miette::Result<()> {
     Ok(())
 }
 
-/// Writes the requested files of a run.
-fn write(job: &Job, outcome: &Outcome, args: &Args) -> Result<(), WriteError> {
-    if let Some(output) = job.output.as_ref().filter(|_| !outcome.recording.signals.is_empty()) {
-        let context = with_run(job.origin.clone(), &job.machine, &job.options, &outcome.report);
-        recording::write_with(&outcome.recording, output, &context)?;
-    }
+/// Writes the Rerun file of a run, if one is wanted.
+fn show(job: &Job, outcome: &Outcome, args: &Args) -> Result<(), WriteError> {
     #[cfg(feature = "viewer")]
     if let Some(rrd) = &args.rrd {
         let plant = Plant::new(&job.machine, &job.scenario.setup);
         deltatwin_rerun::show::write(rrd, &plant, &job.options, &outcome.recording, &outcome.report)?;
     }
     #[cfg(not(feature = "viewer"))]
-    let _ = args;
+    let _ = (job, outcome, args);
     Ok(())
 }
 
@@ -273,7 +306,10 @@ fn job(file: &Path, args: &Args) -> miette::Result<Job> {
     }
     let text = std::fs::read_to_string(file).ok();
     let origin = origin(&scenario, (file, text.as_deref()), &machine, &planning);
-    Ok(Job { scenario, machine, planning, motion, options, output, origin })
+    let keeps = args.verify.is_some();
+    #[cfg(feature = "viewer")]
+    let keeps = keeps || args.rrd.is_some();
+    Ok(Job { scenario, machine, planning, motion, options, output, origin, keeps })
 }
 
 fn execute(job: &Job, step_error: bool, progress: &mut dyn FnMut(f64) -> bool) -> Result<Outcome, SimulationError> {
@@ -281,10 +317,14 @@ fn execute(job: &Job, step_error: bool, progress: &mut dyn FnMut(f64) -> bool) -
     let controller = Plant::new(planning, &scenario.believed_setup());
     let desired = |t: f64| motion.at(t);
     let start = Instant::now();
-    let (mut recording, report, failure) =
-        simulate_until_failure(machine, &scenario.setup, &controller, &desired, options, progress)?;
+    let setup = setup_of_run(machine, &scenario.setup);
+    let mut receiving = Receiving::new(job, &setup, progress);
+    let (mut report, failure) =
+        simulate_into(machine, &scenario.setup, &controller, &desired, options, &mut receiving)?;
+    let received = receiving.finish();
+    report.frames = received.frames;
     let wall = start.elapsed().as_secs_f64();
-    recording.name.clone_from(&scenario.name);
+    let recording = Recording { name: scenario.name.clone(), signals: received.signals, setup };
     let step_error = if step_error && failure.is_none() {
         let again = |substeps: usize| {
             let options = Options { noise_seed: None, substeps, frames: None, watcher: None, ..options.clone() };
@@ -296,7 +336,10 @@ fn execute(job: &Job, step_error: bool, progress: &mut dyn FnMut(f64) -> bool) -
     } else {
         None
     };
-    Ok(Outcome { recording, report, wall, step_error, failure })
+    let (samples, unwritten) = (received.samples, received.problem);
+    let diverged = matches!(failure, Some(SimulationError::Singular { cause: Cause::Diverged, .. }));
+    let remedy = (diverged || failure.is_none() && !report.energy_closes()).then(|| Remedy::of(job, wall));
+    Ok(Outcome { samples, recording, unwritten, report, wall, step_error, failure, remedy })
 }
 
 /// The socket with the least margin, and its margin, N.
@@ -321,6 +364,7 @@ fn json(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>, w
         "energy_error": report.energy_error,
         "energy_closes": report.energy_closes(),
         "failure": failure.as_ref().map(ToString::to_string),
+        "step_that_closes": outcome.remedy.as_ref().and_then(|remedy| remedy.step),
         "formulation": job.options.formulation.name(),
         "tracking_error": report.tracking_error[..job.machine.mechanism.axes()],
         "events": events,
@@ -349,7 +393,7 @@ fn print(
     args: &Args,
     written: bool,
 ) -> miette::Result<()> {
-    let Outcome { recording, report, wall, step_error, failure } = outcome;
+    let Outcome { samples, report, wall, step_error, failure, .. } = outcome;
     let ended = match failure {
         _ if interrupted() => ", interrupted",
         Some(_) => ", failed there",
@@ -408,8 +452,8 @@ fn print(
     };
     match &job.output {
         _ if !written => say("  Nothing written: see the error above")?,
-        Some(_) if recording.signals.is_empty() => say("  Nothing written: the run failed at its first sample")?,
-        Some(output) => say(format!("  Wrote {}: {} samples", output.display(), recording.signals.len()))?,
+        Some(_) if *samples == 0 => say("  Nothing written: the run failed at its first sample")?,
+        Some(output) => say(format!("  Wrote {}: {samples} samples", output.display()))?,
         None if rrd.is_none() => say("  Nothing written; -o FILE keeps the recording")?,
         None => {}
     }

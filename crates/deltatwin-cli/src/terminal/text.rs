@@ -1,5 +1,8 @@
 //! Text and commands wrapped to the width of the screen.
 
+use std::borrow::Cow;
+
+use deltatwin_analysis::page::quoted;
 use textwrap::{Options, WordSplitter};
 
 /// A space at which no line is broken.
@@ -7,6 +10,15 @@ pub(super) const FIRM: &str = "\u{a0}";
 
 /// Width of all output, columns.
 pub const WIDTH: usize = 100;
+
+/// Text whose control characters are written as `\\u001b`, as JSON does: names in files must not steer a terminal.
+pub(super) fn harmless(text: &str) -> Cow<'_, str> {
+    let steers = |c: char| c.is_control() && c != '\n' && c != '\t' || ('\u{202a}'..='\u{202e}').contains(&c);
+    if !text.contains(steers) {
+        return text.into();
+    }
+    text.chars().map(|c| if steers(c) { format!("\\u{:04x}", c as u32) } else { c.to_string() }).collect()
+}
 
 /// Text wrapped at words to lines of [`WIDTH`], indented, with two more columns from the second line on.
 pub fn wrapped(text: &str, indent: usize) -> String {
@@ -39,12 +51,6 @@ pub fn command(words: &[String], indent: usize) -> String {
     lines.join(" \\\n")
 }
 
-/// A word quoted for a shell if necessary.
-fn quoted(word: &str) -> String {
-    let plain = |c: char| c.is_alphanumeric() || "/._-+=:,@%".contains(c);
-    if !word.is_empty() && word.chars().all(plain) { word.into() } else { format!("'{}'", word.replace('\'', r"'\''")) }
-}
-
 /// Number of parameters per effect, in the order of the first of each, such as `drive_friction (3), rigid_bodies
 /// (2)`.
 pub fn grouped(parameters: &[String]) -> String {
@@ -67,6 +73,12 @@ mod tests {
         let text = wrapped(&"a long sentence of many words ".repeat(12), 2);
         assert!(text.lines().count() > 2 && text.lines().all(|l| l.chars().count() <= WIDTH), "{text}");
         assert!(text.starts_with("  a") && text.lines().nth(1).unwrap().starts_with("    "), "{text}");
+    }
+
+    #[test]
+    fn escape_codes_are_shown_and_not_sent() {
+        assert_eq!(harmless("run \u{1b}]0;x\u{7}\u{9b}2J\n\tok é"), "run \\u001b]0;x\\u0007\\u009b2J\n\tok é");
+        assert!(matches!(harmless("plain"), Cow::Borrowed("plain")));
     }
 
     #[test]

@@ -19,6 +19,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::schema::{self, Bounds, Shape};
 use super::table::{Table, Value, keys, suggestion};
+use crate::file;
 use crate::kind::Kind;
 use crate::source::{Checked, Source};
 
@@ -29,9 +30,8 @@ mod formula;
 /// # Errors
 /// If the file cannot be read; else the first error in it, with its position.
 pub fn read(path: &Path) -> Result<Model> {
-    let text = std::fs::read_to_string(path)
-        .into_diagnostic()
-        .wrap_err_with(|| format!("cannot read model file {}", path.display()))?;
+    let text =
+        file::text(path).into_diagnostic().wrap_err_with(|| format!("cannot read model file {}", path.display()))?;
     let other = Kind::instead_of(Kind::Model, &text);
     parse(&text, path)
         .map_err(|e| other.map_or(e, |other| miette!("{}: is a {other}; expected a model", path.display())))

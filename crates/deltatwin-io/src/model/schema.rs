@@ -167,7 +167,7 @@ macro_rules! array {
 }
 
 const TOP: &[Field<Top>] = &[
-    number!(sample_time, Unit::S, "sampling and control period", Bounds::positive(1.0), true),
+    number!(sample_time, Unit::S, "sampling and control period", Bounds::between(1e-5, 1.0), true),
     number!(gravity, Unit::MPerS2, "gravitational acceleration along −z", Bounds::between(0.0, 100.0), true),
 ];
 

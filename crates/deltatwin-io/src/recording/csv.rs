@@ -18,8 +18,8 @@ use super::check::{self, Table};
 use super::columns::{Frame, Layout};
 use super::dialect::{Dialect, Plain};
 use super::epoch::Clock;
-use super::{ReadError, Reading};
-use crate::file::{self, WriteError};
+use super::{ReadError, Reading, memory};
+use crate::file;
 
 /// Description of the expected file of a machine.
 fn expected(axes: usize) -> String {
@@ -29,6 +29,8 @@ fn expected(axes: usize) -> String {
 
 /// Number of unknown columns that are listed.
 const UNKNOWN: usize = 8;
+/// Largest number of columns.
+const MOST_COLUMNS: usize = 10_000;
 /// Number of bytes from which the format of a file is determined.
 const HEAD: usize = 1 << 16;
 
@@ -41,7 +43,7 @@ const HEAD: usize = 1 << 16;
 /// A [`ReadError`] if the file cannot be read, or for columns, units, cells or times that are not valid, with line and
 /// column.
 pub fn read(path: &Path, how: &Reading) -> Result<(Signals, Vec<String>), ReadError> {
-    let file = std::fs::File::open(path).map_err(|e| ReadError::io(path, e))?;
+    let file = file::open(path).map_err(|e| ReadError::io(path, e))?;
     let bytes = file.metadata().map_or(0, |m| m.len()) as usize;
     let mut source = BufReader::with_capacity(HEAD, file);
     let head = source.fill_buf().map_err(|e| ReadError::io(path, e))?.to_vec();
@@ -57,24 +59,66 @@ pub fn read(path: &Path, how: &Reading) -> Result<(Signals, Vec<String>), ReadEr
 /// Writes the signals with the shortest decimals that read back exactly.
 ///
 /// # Errors
-/// [`WriteError::Invalid`] for inconsistent signals, [`WriteError::Io`] if the file cannot be written.
-pub fn write(path: &Path, signals: &Signals) -> Result<(), WriteError> {
-    let columns = check::columns(signals).map_err(|e| WriteError::invalid(path, e))?;
-    file::replace(path, |out| -> std::io::Result<()> {
-        write!(out, "t")?;
-        for c in &columns {
-            // The unit of a current is not that of the format.
-            let unit = if signals.mechanism.effort() == Effort::Current && c.name == "tau1" { " [A]" } else { "" };
-            write!(out, ",{}{unit}", c.name)?;
+/// A description of inconsistent signals, or what the operating system says.
+pub fn write(out: impl Write, signals: &Signals) -> std::io::Result<()> {
+    let mut writer = Writer::new(out);
+    writer.append(signals)?;
+    writer.finish()
+}
+
+/// A file being written, line by line.
+pub(super) struct Writer<W: Write> {
+    out: W,
+    /// Number of lines of samples so far.
+    samples: usize,
+}
+
+impl<W: Write> Writer<W> {
+    pub fn new(out: W) -> Self {
+        Self { out, samples: 0 }
+    }
+
+    /// Appends samples, below the names of their columns if they are the first.
+    ///
+    /// # Errors
+    /// As [`write`].
+    pub fn append(&mut self, signals: &Signals) -> std::io::Result<()> {
+        let Self { out, samples } = self;
+        if signals.is_empty() {
+            return Ok(());
         }
-        for (i, t) in signals.t.iter().enumerate() {
-            write!(out, "\n{}", shortest(*t))?;
+        let columns = check::columns(signals, *samples).map_err(std::io::Error::other)?;
+        if *samples == 0 {
+            write!(out, "t")?;
             for c in &columns {
-                write!(out, ",{}", shortest(c.values[i]))?;
+                // The unit of a current is not that of the format.
+                let unit = if signals.mechanism.effort() == Effort::Current && c.name == "tau1" { " [A]" } else { "" };
+                write!(out, ",{}{unit}", c.name)?;
             }
+            writeln!(out)?;
         }
-        writeln!(out)
-    })
+        let mut line = String::new();
+        for (i, t) in signals.t.iter().enumerate() {
+            line.clear();
+            line += &shortest(*t);
+            for c in &columns {
+                line.push(',');
+                line += &shortest(c.values[i]);
+            }
+            line.push('\n');
+            out.write_all(line.as_bytes())?;
+        }
+        *samples += signals.len();
+        Ok(())
+    }
+
+    /// Hands the last lines on.
+    ///
+    /// # Errors
+    /// The error of the operating system.
+    pub fn finish(mut self) -> std::io::Result<()> {
+        self.out.flush()
+    }
 }
 
 /// Shortest decimal that reads back as the same number.
@@ -116,6 +160,10 @@ fn table(
         _ => ReadError::content(path, e.to_string(), any()),
     };
     let names: Vec<String> = reader.headers().map_err(broken)?.iter().map(str::to_string).collect();
+    if names.len() > MOST_COLUMNS {
+        let problem = format!("has {} columns", names.len());
+        return Err(ReadError::content(path, problem, format!("at most {MOST_COLUMNS}")));
+    }
 
     let (layout, machine, mut warnings) = layout(path, &names, how)?;
     warnings.splice(0..0, dialect.notes.iter().cloned());
@@ -124,18 +172,29 @@ fn table(
     let time = layout.time();
     let mut clock = Clock::default();
     let mut values = vec![Vec::new(); names.len()];
+    let most = memory::for_messages(how.max_memory) / (size_of::<f64>() * (used.len() + 1));
+    // Where the size of the file says nothing, such as of one with holes, the columns grow as they are read.
+    let about = if about <= most { about } else { 0 };
     used.iter().for_each(|&i| values[i].reserve_exact(about));
     let mut rows = Vec::with_capacity(about);
     let mut record = ::csv::StringRecord::new();
     while reader.read_record(&mut record).map_err(broken)? {
         let line = record.position().map_or(0, |p| p.line()).saturating_sub(dialect.added());
         if record.len() != names.len() {
-            let cells = record.len();
-            let last = !matches!(reader.read_record(&mut record), Ok(true));
-            let hint = if last { "; was the file cut short?" } else { "" };
+            let (cells, wanted) = (record.len(), names.len());
+            let is_last = !matches!(reader.read_record(&mut record), Ok(true));
+            if is_last && cells < wanted && !rows.is_empty() {
+                // As the end of a writer leaves it.
+                warnings
+                    .push(format!("file is cut short: its last line, {line}, has {cells} of {wanted} cells: left out"));
+                break;
+            }
             let problem = format!("line {line} has {cells} cells");
-            let expected = format!("{} cells as in the header{hint}", names.len());
-            return Err(ReadError::content(path, problem, expected));
+            return Err(ReadError::content(path, problem, format!("{wanted} cells as in the header")));
+        }
+        if rows.len() >= most {
+            let problem = format!("has more than {most} rows, for which memory does not suffice");
+            return Err(ReadError::content(path, problem, "a shorter recording, or a larger --max-memory"));
         }
         rows.push(line);
         for &i in &used {
@@ -226,7 +285,8 @@ fn decimal(cell: &str, delimiter: u8) -> Cow<'_, str> {
     if delimiter != b',' && cell.contains(',') { cell.replacen(',', ".", 1).into() } else { cell.into() }
 }
 
-fn number(cell: &str, delimiter: u8) -> Option<f64> {
+/// The finite number in a cell, with a decimal point or comma.
+pub(super) fn number(cell: &str, delimiter: u8) -> Option<f64> {
     let value: f64 = match cell.parse() {
         Ok(value) => value,
         Err(_) => decimal(cell, delimiter).parse().ok()?,

@@ -236,6 +236,11 @@ fn are_units(cells: &[String]) -> bool {
     cells.iter().filter(known).count() >= 1 && cells.iter().all(|c| nothing(c) || known(&c))
 }
 
+/// Length above which a line is none, bytes.
+const LONGEST_LINE: u64 = 1 << 20;
+/// Length of the longest file in UTF-16, bytes.
+const LONGEST_UTF16: u64 = 256 << 20;
+
 /// A file presented as UTF-8 text with one header row, the separator of [`Dialect::delimiter`] and no comments.
 ///
 /// Lines that are left out become empty, so that line numbers stay.
@@ -259,7 +264,10 @@ impl<'a, R: BufRead> Plain<'a, R> {
         if let encoding @ Encoding::Utf16 { .. } = dialect.encoding {
             // Such files come from spreadsheets and are short: they are decoded as a whole.
             let mut bytes = Vec::new();
-            source.read_to_end(&mut bytes)?;
+            (&mut source).take(LONGEST_UTF16).read_to_end(&mut bytes)?;
+            if bytes.len() as u64 == LONGEST_UTF16 {
+                return Err(io::Error::other("it is longer than a file in UTF-16 may be; expected UTF-8"));
+            }
             let text = decode(bytes.get(dialect.mark..).unwrap_or_default(), encoding);
             for (i, line) in text.lines().enumerate() {
                 out.extend(dialect.presented(i, line).as_bytes());
@@ -308,8 +316,11 @@ impl<R: BufRead> Read for Plain<'_, R> {
             self.given = 0;
             while self.out.len() < buffer.len() {
                 self.raw.clear();
-                if self.source.read_until(b'\n', &mut self.raw)? == 0 {
+                if (&mut self.source).take(LONGEST_LINE).read_until(b'\n', &mut self.raw)? == 0 {
                     break;
+                }
+                if self.raw.len() as u64 == LONGEST_LINE {
+                    return Err(io::Error::new(io::ErrorKind::InvalidData, "a line without end"));
                 }
                 let mark = |raw: &[u8]| COMMENTS.iter().any(|m| raw.trim_ascii_start().starts_with(m.as_bytes()));
                 if self.dialect.untouched() && !mark(&self.raw) {

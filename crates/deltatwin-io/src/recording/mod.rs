@@ -7,10 +7,16 @@ mod csv;
 mod dialect;
 mod epoch;
 mod error;
+mod memory;
+mod preview;
+mod recorder;
 pub mod setup;
 
+pub use bag::{JointSample, Tail};
 pub use columns::Mapping;
 pub use error::ReadError;
+pub use preview::{Preview, PreviewColumn, preview};
+pub use recorder::{Head, Recorder};
 
 use std::path::Path;
 
@@ -18,7 +24,7 @@ use deltatwin::machine::Mechanism;
 use deltatwin::recording::{Context, Recording};
 
 use self::setup::Sidecar;
-use crate::file::WriteError;
+use crate::file::{self, WriteError};
 
 /// Options for reading a file.
 #[derive(Clone, Copy, Debug, Default)]
@@ -35,6 +41,8 @@ pub struct Reading<'a> {
     pub rate: Option<f64>,
     /// Gear ratio of a recording of the motor's side: motor turns per turn, or per metre times 2π, of the joint.
     pub gear_ratio: Option<f64>,
+    /// Memory that reading may need, bytes; by default three quarters of what is free.
+    pub max_memory: Option<u64>,
 }
 
 /// Reads a CSV file or a ROS 2 bag (`.mcap`, `.db3`, bag folder) of a machine inferred from its number of axes: one,
@@ -112,11 +120,13 @@ pub fn write(recording: &Recording, path: &Path) -> Result<(), WriteError> {
 pub fn write_with(recording: &Recording, path: &Path, context: &Context) -> Result<(), WriteError> {
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
     if extension == "csv" {
-        csv::write(path, &recording.signals)?;
+        file::replace(path, |out| csv::write(out, &recording.signals))?;
         setup::write_beside(&recording.setup, recording.signals.mechanism, &setup::sidecar(path))
     } else if extension == "mcap" {
-        bag::write(path, recording, context)
+        file::replace(path, |out| bag::write(out, recording, context))
     } else {
-        Err(WriteError::invalid(path, "unknown format; expected a name ending in .csv or .mcap"))
+        Err(WriteError::invalid(path, UNKNOWN_FORMAT))
     }
 }
+
+const UNKNOWN_FORMAT: &str = "unknown format; expected a name ending in .csv or .mcap";

@@ -108,8 +108,10 @@ impl Sidecar {
     /// # Errors
     /// If the file cannot be read; else the first error in it, with its position.
     pub fn read(path: &Path) -> Result<Self, ReadError> {
-        let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, e))?;
-        let text = String::from_utf8(bytes).map_err(|_| ReadError::content(path, "is not text", "a setup in TOML"))?;
+        let text = file::text(path).map_err(|e| match e.kind() {
+            std::io::ErrorKind::InvalidData => ReadError::content(path, "is not text", "a setup in TOML"),
+            _ => ReadError::io(path, e),
+        })?;
         Self::from_toml(&text, &path.display().to_string())
     }
 

@@ -13,6 +13,7 @@ use serde::Deserialize;
 use thiserror::Error;
 use toml::Spanned;
 
+use crate::file;
 use crate::kind::Kind;
 use crate::source::{Checked, Interval, Problem, Source};
 use deltatwin::cell::{MeshReader, no_meshes};
@@ -47,7 +48,7 @@ pub enum ScenarioError {
 impl ScenarioError {
     /// The text of a file.
     pub(crate) fn text(path: &Path) -> Result<String> {
-        std::fs::read_to_string(path).map_err(|e| Self::Io { file: path.into(), reason: e.to_string() })
+        file::text(path).map_err(|e| Self::Io { file: path.into(), reason: e.to_string() })
     }
 
     /// The error that the file is of another kind if `text` is; otherwise this error.
@@ -123,6 +124,7 @@ pub fn parse_with(text: &str, path: &Path, meshes: MeshReader) -> Result<Scenari
     let folder = path.parent().unwrap_or(Path::new(""));
     let beside = |key: &str, name: &Spanned<String>| {
         let target = folder.join(name.get_ref());
+        file.may_name(key, name, &target)?;
         if target.is_file() {
             return Ok(target);
         }

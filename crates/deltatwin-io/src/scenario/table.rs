@@ -5,21 +5,25 @@ use std::path::Path;
 
 use deltatwin::scenario::motion::table::Table;
 
+use crate::file;
+
 const PLATFORM: [&str; 4] = ["x", "y", "z", "psi"];
 const JOINTS: [&str; 4] = ["q1", "q2", "q3", "q4"];
 const EXPECTED: &str =
     "expected CSV with the columns t, x, y, z, psi or t, q1, q2, q3, q4, as far as the machine has them";
 /// Smallest time between rows, s.
 const NEAREST: f64 = 1e-9;
+/// Size of the longest table, bytes: more than an hour at 2.5 kHz.
+const LONGEST: u64 = 1 << 30;
 
-/// Reads a look-up table from `file`; see [`Table`] for `moving`.
+/// Reads a look-up table from the file `path`; see [`Table`] for `moving`.
 ///
 /// # Errors
 /// A description of the fault, with line and column where applicable.
-pub(super) fn read(file: &Path, moving: bool) -> Result<Table, String> {
-    let content = std::fs::read(file).map_err(|e| format!("cannot be read: {e}"))?;
+pub(super) fn read(path: &Path, moving: bool) -> Result<Table, String> {
+    let content = file::bytes(path, LONGEST).map_err(|e| format!("cannot be read: {e}"))?;
     let text = String::from_utf8(content).map_err(|_| format!("is not text; {EXPECTED}"))?;
-    parse(&text, file, moving)
+    parse(&text, path, moving)
 }
 
 /// Reads a look-up table from `text`, which is the content of `file`.

@@ -30,6 +30,8 @@ pub struct Study {
     pub seed: u64,
     /// Runs whose recordings are kept.
     pub keep: Keep,
+    /// Whether the recording of every run is diagnosed with the controller's model.
+    pub diagnose: bool,
     /// Seeds of the scenarios.
     pub draws: Draws,
     /// How the factors are set.

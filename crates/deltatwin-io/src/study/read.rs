@@ -14,6 +14,7 @@ use super::factor::{Change, Distribution, Factor, Level, Range};
 use super::template::{SCENARIO, Template};
 use super::{CAUSES, Design, Draws, Keep, Study, tree};
 use crate::kind::Kind;
+use crate::outside;
 use crate::scenario::ScenarioError;
 use crate::source::{Checked, Interval, Problem, Source};
 
@@ -50,6 +51,8 @@ struct Document {
     model: Option<Spanned<String>>,
     seed: Option<Spanned<i64>>,
     keep: Option<Spanned<KeepKeys>>,
+    #[serde(default)]
+    diagnose: bool,
     draws: Option<Spanned<String>>,
     margin: Option<Spanned<String>>,
     over: Option<Spanned<String>>,
@@ -162,6 +165,7 @@ pub fn parse(text: &str, path: &Path, meshes: MeshReader) -> Result<Study, Study
         title: document.title,
         seed,
         keep: keep(file, &document.keep)?,
+        diagnose: document.diagnose,
         draws: draws(file, &document.draws, &design)?,
         design,
         experiment,
@@ -223,6 +227,7 @@ fn experiment(file: &Source, path: &Path, document: &Document) -> Checked<Option
     let Some(name) = &document.model else { return Ok(None) };
     file.foreign("scenario", &document.scenario, "an experiment, which has a `model`")?;
     let target = path.parent().unwrap_or(Path::new("")).join(name.get_ref());
+    file.may_name("model", name, &target)?;
     if target.is_file() {
         return Ok(Some(target));
     }
@@ -236,6 +241,8 @@ fn scenarios(file: &Source, path: &Path, document: &Document, factors: &[Factor]
     let folder = path.parent().unwrap_or(Path::new(""));
     let found = |name: &str, span: std::ops::Range<usize>| {
         let target = folder.join(name);
+        outside::check(path, &target)
+            .map_err(|what| file.problem(span.clone(), format!("`scenario` is \"{name}\", which {what}")))?;
         if target.is_file() {
             return Ok(target);
         }

@@ -12,11 +12,14 @@ use toml::{Table, Value};
 use super::factor::{Change, Factor, Range, Setting};
 use super::tree;
 use crate::model;
+use crate::outside;
 use crate::scenario::{self, ScenarioError};
 use crate::source::Problem;
 
 /// Key of a factor whose levels are scenario files.
 pub const SCENARIO: &str = "scenario";
+/// Size of the longest file that a study names, bytes.
+const LONGEST: u64 = 1 << 30;
 /// Key of a factor that scales the speed of the whole motion.
 pub const SPEED: &str = "speed_scale";
 /// First steps of keys into model files.
@@ -120,8 +123,8 @@ impl Template {
         let mut contents = vec![("study".to_string(), study.to_string().into_bytes())];
         contents.extend(self.bases.iter().map(|base| ("scenario".to_string(), base.tree.to_string().into_bytes())));
         for (name, file) in named {
-            let bytes =
-                std::fs::read(&file).map_err(|e| ScenarioError::Io { file: file.clone(), reason: e.to_string() })?;
+            let bytes = crate::file::bytes(&file, LONGEST)
+                .map_err(|e| ScenarioError::Io { file: file.clone(), reason: e.to_string() })?;
             let tree = std::str::from_utf8(&bytes).ok().filter(|_| file.extension().is_some_and(|e| e == "toml"));
             let bytes = tree
                 .and_then(|text| text.parse::<Table>().ok())
@@ -268,7 +271,7 @@ fn files_in(value: &Value, folder: &Path, found: &mut BTreeMap<String, PathBuf>)
     match value {
         Value::String(name) => {
             let file = folder.join(name);
-            if !name.is_empty() && file.is_file() {
+            if !name.is_empty() && file.is_file() && outside::check(&folder.join("study"), &file).is_ok() {
                 found.insert(name.clone(), file);
             }
         }

@@ -22,6 +22,8 @@ pub struct Scene<'a> {
     /// Torque residual per frame and axis, in standard deviations of the sensor noise; colours arms and telescope from
     /// green (noise) to red (6 σ).
     pub residual: Option<Vec<[f64; AXES]>>,
+    /// Share of its hold that each socket uses, per frame: six at the elbows, six at the platform; 1 is the limit.
+    pub used: Option<Vec<[f64; 2 * STRUTS]>>,
     /// Struts with an open socket, per frame.
     pub loose: Option<Vec<[bool; STRUTS]>>,
     /// Shape of the payload and its centre in the end effector's frame, m.
@@ -34,6 +36,8 @@ pub struct Scene<'a> {
     pub notes: Vec<Note>,
     /// Whether to reserve a view for events that may follow.
     pub eventful: bool,
+    /// What there is to say about all of it, as Markdown.
+    pub text: Option<String>,
 }
 
 /// An object with its pose in every frame.
@@ -45,6 +49,7 @@ pub struct Thing<'a> {
 }
 
 /// A curve over time.
+#[derive(Clone, Debug)]
 pub struct Series {
     /// Path of tab, plot and curve, e.g. `torque/axis1/measured`.
     pub path: String,
@@ -72,12 +77,40 @@ impl<'a> Scene<'a> {
             machine,
             geometry,
             residual: None,
+            used: None,
             loose: None,
             payload: None,
             things: Vec::new(),
             series: Vec::new(),
             notes: Vec::new(),
             eventful: false,
+            text: None,
+        }
+    }
+
+    /// The part from `from` to before `to`, s, as a piece of a stream.
+    pub fn between(&self, from: f64, to: f64) -> Self {
+        let inside = |times: &[f64]| times.partition_point(|t| *t < from)..times.partition_point(|t| *t < to);
+        let frames = inside(&self.times);
+        let thing = |thing: &Thing<'a>| Thing { object: thing.object, poses: thing.poses[frames.clone()].to_vec() };
+        let series = |s: &Series| {
+            let range = inside(&s.times);
+            Series { times: s.times[range.clone()].to_vec(), values: s.values[range].to_vec(), ..s.clone() }
+        };
+        Scene {
+            times: self.times[frames.clone()].to_vec(),
+            bodies: self.bodies[frames.clone()].to_vec(),
+            machine: self.machine,
+            geometry: self.geometry,
+            residual: self.residual.as_ref().map(|all| all[frames.clone()].to_vec()),
+            used: self.used.as_ref().map(|all| all[frames.clone()].to_vec()),
+            loose: self.loose.as_ref().map(|all| all[frames.clone()].to_vec()),
+            payload: self.payload.clone(),
+            things: self.things.iter().map(thing).collect(),
+            series: self.series.iter().map(series).collect(),
+            notes: self.notes.iter().filter(|n| n.t >= from && n.t < to).cloned().collect(),
+            eventful: self.eventful,
+            text: self.text.clone(),
         }
     }
 
@@ -89,6 +122,7 @@ impl<'a> Scene<'a> {
         };
         expect("bodies", self.bodies.len(), frames)?;
         expect("residual", self.residual.as_ref().map_or(frames, Vec::len), frames)?;
+        expect("used hold", self.used.as_ref().map_or(frames, Vec::len), frames)?;
         expect("loose struts", self.loose.as_ref().map_or(frames, Vec::len), frames)?;
         self.things.iter().try_for_each(|thing| expect(&thing.object.name, thing.poses.len(), frames))?;
         self.series.iter().try_for_each(|s| expect(&s.path, s.values.len(), s.times.len()))

@@ -2,6 +2,7 @@
 
 mod content;
 mod live;
+mod mesh;
 mod solids;
 
 use std::io::Write;
@@ -23,6 +24,8 @@ const TIME: &str = "time";
 const APPLICATION: &str = "deltatwin";
 /// Entity path of the log of events.
 const EVENTS: &str = "events";
+/// Entity path of the text.
+const TEXT: &str = "verdict";
 
 /// Colours of axes 1–4 in plots.
 const AXIS: [[u8; 3]; AXES] = [[76, 140, 220], [235, 125, 40], [90, 175, 95], [170, 105, 200]];
@@ -62,6 +65,9 @@ fn shapes(rec: &RecordingStream, scene: &Scene) -> Outcome {
     solids::base(rec, scene)?;
     solids::robot(rec, scene)?;
     solids::things(rec, scene)?;
+    if let Some(text) = &scene.text {
+        rec.log_static(TEXT, &a::TextDocument::from_markdown(text.as_str()))?;
+    }
     scene.series.iter().try_for_each(|s| style(rec, s))
 }
 
@@ -103,8 +109,17 @@ fn layout(scene: &Scene) -> bp::Blueprint {
     });
     let tabs: Vec<bp::ContainerLike> = tabs.collect();
     let mut left = vec![bp::Spatial3DView::new("robot").with_origin("/world").into()];
+    let mut words: Vec<bp::ContainerLike> = Vec::new();
+    if scene.text.is_some() {
+        words.push(bp::TextDocumentView::new(TEXT).with_origin(format!("/{TEXT}")).into());
+    }
     if scene.eventful || !scene.notes.is_empty() {
-        left.push(bp::TextLogView::new(EVENTS).with_origin(format!("/{EVENTS}")).into());
+        words.push(bp::TextLogView::new(EVENTS).with_origin(format!("/{EVENTS}")).into());
+    }
+    match words.len() {
+        0 => {}
+        1 => left.append(&mut words),
+        _ => left.push(bp::Tabs::new(words).into()),
     }
     let mut parts: Vec<bp::ContainerLike> = vec![bp::Vertical::new(left).with_row_shares(vec![3.0, 1.0]).into()];
     if !tabs.is_empty() {

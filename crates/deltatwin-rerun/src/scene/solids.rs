@@ -1,10 +1,11 @@
 //! Solids of a scene; those of the links have the collision dimensions.
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use rerun::components::FillMode;
 use rerun::{EntityPath, EntityPathPart, RecordingStream, TimeColumn, archetypes as a};
 
 use super::content::{Scene, Thing};
+use super::mesh::{Mesh, spring};
 use super::{AXIS, Outcome, TIME, color};
 use deltatwin::cell::links::{
     ARM_RADIUS, ARM_TRIM, BALL_RADIUS, FLANGE_RADIUS, PLATFORM_INSET, PLATFORM_THICKNESS, ROD_CLEARANCE, ROD_RADIUS,
@@ -14,8 +15,19 @@ use deltatwin::cell::{Mobility, Object, Shape};
 use deltatwin::machine::bodies::{
     ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
 };
-use deltatwin::machine::{ARMS, Axis, Geometry, Joint, Mechanism, STRUTS};
+use deltatwin::machine::{ARMS, AXES, Axis, Geometry, Joint, Mechanism, STRUTS};
 
+/// Height of the base's housing and radius of the motors, m; estimated from pictures.
+const HOUSING: f64 = 0.12;
+const MOTOR_RADIUS: f64 = 0.045;
+/// Depth and wall of a cup on its ball, m; estimated.
+const CUP: (f64, f64) = (0.012, 0.004);
+/// Distance of the clamp springs from the line of the balls, their radius, m, and turns; estimated.
+const SPRINGS: (f64, f64, usize) = (0.035, 0.005, 12);
+/// Radius of the springs' wire, m.
+const WIRE: f32 = 0.0008;
+
+const SHELL: [u8; 3] = [214, 216, 220];
 const STEEL: [u8; 3] = [150, 155, 165];
 const CARBON: [u8; 3] = [88, 92, 102];
 const ORANGE: [u8; 3] = [235, 125, 40];
@@ -39,26 +51,32 @@ pub(super) fn base(rec: &RecordingStream, scene: &Scene) -> Outcome {
         rec.log_static("world/base/rail", &rail)?;
         return Ok(());
     }
-    let ring = (0..=72).map(|k| {
-        let (sin, cos) = (f64::from(k) * std::f64::consts::TAU / 72.0).sin_cos();
-        [g.base_radius * cos, g.base_radius * sin, g.mounting_height].map(|v| v as f32)
-    });
-    let mut strips: Vec<Vec<[f32; 3]>> = vec![ring.collect()];
-    let (mut from, mut to) = (Vec::new(), Vec::new());
+    // A flat housing that hangs from the frame, with one motor per arm below its edge.
+    let (top, rim) = (g.mounting_height, 0.75 * g.base_radius);
+    let below = (top - HOUSING).max(MOTOR_RADIUS);
+    let housing = Mesh::lathe(
+        Vector3::zeros(),
+        Vector3::z(),
+        &[(below, 0.0), (below, rim - 0.02), (below + 0.02, rim), (top, rim), (top, 0.0)],
+    );
+    rec.log_static("world/base/housing", &housing.solid(SHELL))?;
+    let flange = Mesh::lathe(
+        Vector3::zeros(),
+        Vector3::z(),
+        &[(top, 0.0), (top, g.base_radius), (top + 0.015, g.base_radius), (top + 0.015, 0.0)],
+    );
+    rec.log_static("world/base/flange", &flange.solid(STEEL))?;
+    let mut motors = Mesh::default();
     for i in 0..ARMS {
         let shaft = Geometry::radial(i) * g.base_radius;
-        let half = Geometry::tangential(i) * (0.35 * g.base_radius);
-        from.push(point(shaft - half));
-        to.push(point(shaft + half));
-        let above = shaft.xy().push(g.mounting_height);
-        strips.push(vec![point(above), point(shaft)]);
+        let (across, half) = (Geometry::tangential(i), 0.35 * g.base_radius);
+        let body = [(-half, 0.0), (-half, 0.8), (0.012 - half, 1.0), (half - 0.012, 1.0), (half, 0.8), (half, 0.0)];
+        motors = motors.and(Mesh::lathe(shaft, across, &body.map(|(place, share)| (place, share * MOTOR_RADIUS))));
+        let bracket = (below + 0.02 - shaft.z).max(0.01);
+        let reach = [(0.0, 0.0), (0.0, 0.03), (bracket, 0.045), (bracket, 0.0)];
+        motors = motors.and(Mesh::lathe(shaft * 0.9, Vector3::z(), &reach));
     }
-    let lines = a::LineStrips3D::new(strips).with_colors([color(STEEL)]).with_radii([0.008f32]);
-    rec.log_static("world/base/frame", &lines)?;
-    let motors = a::Capsules3D::from_endpoints_and_radii(from, to, [0.045f32; ARMS])
-        .with_colors([color(STEEL)])
-        .with_fill_mode(FillMode::Solid);
-    rec.log_static("world/base/motors", &motors)?;
+    rec.log_static("world/base/motors", &motors.solid(SHELL))?;
     Ok(())
 }
 
@@ -85,7 +103,7 @@ pub(super) fn robot_motion(rec: &RecordingStream, scene: &Scene) -> Outcome {
         follow(rec, &EntityPath::from(entity.as_str()), &scene.times, scene.bodies.iter().map(|poses| poses[b]))?;
         paint(rec, &entity, scene, b)?;
     }
-    Ok(())
+    if is_assembled(scene) { springs_motion(rec, scene) } else { Ok(()) }
 }
 
 /// Logs the trajectory of the platform.
@@ -94,7 +112,14 @@ pub(super) fn trail(rec: &RecordingStream, scene: &Scene) -> Outcome {
         return Ok(());
     }
     let path: Vec<_> = scene.bodies.iter().map(|b| point(b[PLATFORM].translation.vector)).collect();
-    let path = a::LineStrips3D::new([path]).with_colors([color(AXIS[0])]).with_radii([0.001f32]);
+    let worst = |r: &[f64; AXES]| r.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+    let path = match &scene.residual {
+        // One piece per frame, in the colour of the axis with the largest residual there.
+        Some(residual) => a::LineStrips3D::new(path.windows(2).map(<[_]>::to_vec))
+            .with_colors(residual.iter().skip(1).map(|r| color(heat(worst(r)))))
+            .with_radii([0.002f32]),
+        None => a::LineStrips3D::new([path]).with_colors([color(AXIS[0])]).with_radii([0.001f32]),
+    };
     rec.log_static("world/path", &path)?;
     Ok(())
 }
@@ -109,20 +134,8 @@ pub(super) fn robot(rec: &RecordingStream, scene: &Scene) -> Outcome {
         let entity = format!("world/{}", body_name(b));
         let rod = |end: Vector3<f64>, radius: f64| rod(rec, &entity, end, radius);
         match b {
-            ARM..STRUT => {
-                let elbow = Vector3::x() * g.arm_length;
-                let tube = (g.arm_length - ARM_TRIM).max(0.5 * g.arm_length);
-                rod(Vector3::x() * tube, ARM_RADIUS)?;
-                let pair = Vector3::y() * (0.5 * g.pair_distance);
-                let neck = [[Vector3::x() * tube, elbow], [elbow - pair, elbow + pair]].map(|line| line.map(point));
-                let neck = a::LineStrips3D::new(neck).with_colors([color(BRASS)]).with_radii([0.007f32]);
-                rec.log_static(format!("{entity}/neck"), &neck)?;
-                balls(rec, &entity, [elbow + pair, elbow - pair])?;
-            }
-            STRUT..PLATFORM => {
-                let length = g.strut_length[(b - STRUT) / (STRUTS / ARMS)];
-                rod(Vector3::x() * length, STRUT_RADIUS)?;
-            }
+            ARM..STRUT => arm(rec, &entity, g)?,
+            STRUT..PLATFORM => strut(rec, &entity, g.strut_length[(b - STRUT) / (STRUTS / ARMS)])?,
             PLATFORM => platform(rec, &entity, g)?,
             END_EFFECTOR => end_effector(rec, &entity, scene)?,
             TELESCOPE_UPPER => rod(Vector3::z() * (ROD_CLEARANCE - g.telescope_limits[0]).min(0.0), ROD_RADIUS)?,
@@ -130,7 +143,7 @@ pub(super) fn robot(rec: &RecordingStream, scene: &Scene) -> Outcome {
             _ => {}
         }
     }
-    Ok(())
+    if is_assembled(scene) { springs(rec, g) } else { Ok(()) }
 }
 
 /// Length of the displayed part of a single axis, m.
@@ -147,32 +160,127 @@ fn lone(rec: &RecordingStream, joint: Joint) -> Outcome {
     rod(rec, LONE, end, ARM_RADIUS)
 }
 
-/// Logs a rod from the body's origin to `end` (m), without colour.
+/// Logs a rod from the body's origin to `end` (m).
 fn rod(rec: &RecordingStream, entity: &str, end: Vector3<f64>, radius: f64) -> Outcome {
-    let rod = a::Capsules3D::from_endpoints_and_radii([[0f32; 3]], [point(end)], [radius as f32]);
-    rec.log_static(entity, &rod.with_fill_mode(FillMode::Solid))?;
+    let length = end.norm();
+    let Some(axis) = end.try_normalize(1e-9) else { return Ok(()) };
+    let chamfer = (0.2 * radius).min(0.5 * length);
+    let profile = [
+        (0.0, 0.0),
+        (0.0, radius - chamfer),
+        (chamfer, radius),
+        (length - chamfer, radius),
+        (length, radius - chamfer),
+        (length, 0.0),
+    ];
+    rec.log_static(entity, &Mesh::lathe(Vector3::zeros(), axis, &profile).solid(STEEL))?;
     Ok(())
 }
 
-/// Logs the colour of the rod of body `b` over time.
+/// Logs an arm: hub on the motor's shaft, tapered beam, and at the elbow the bar with its two balls.
+fn arm(rec: &RecordingStream, entity: &str, g: &Geometry) -> Outcome {
+    let elbow = Vector3::x() * g.arm_length;
+    let tube = (g.arm_length - ARM_TRIM).max(0.5 * g.arm_length);
+    let half = 0.5 * g.pair_distance;
+    let wide = 1.4 * ARM_RADIUS;
+    let hub = Mesh::lathe(Vector3::zeros(), Vector3::y(), &[(-wide, 0.0), (-wide, wide), (wide, wide), (wide, 0.0)]);
+    let beam = Mesh::beam(tube, [0.9 * ARM_RADIUS, 1.3 * ARM_RADIUS], [0.5 * ARM_RADIUS, 0.6 * ARM_RADIUS]);
+    rec.log_static(entity, &hub.and(beam).solid(STEEL))?;
+    let neck = Mesh::lathe(Vector3::x() * tube, Vector3::x(), &[(0.0, 0.012), (g.arm_length - tube, 0.007)]);
+    let bar = Mesh::lathe(elbow, Vector3::y(), &[(-half, 0.0), (-half, 0.006), (half, 0.006), (half, 0.0)]);
+    rec.log_static(format!("{entity}/neck"), &neck.and(bar).solid(BRASS))?;
+    let pair = Vector3::y() * half;
+    balls(rec, entity, [elbow + pair, elbow - pair])
+}
+
+/// Logs a strut with a cup at either end, each an entity of its own so that it has its own colour.
+fn strut(rec: &RecordingStream, entity: &str, length: f64) -> Outcome {
+    let (depth, wall) = CUP;
+    let (begin, end) = (depth, (length - depth).max(depth));
+    let tube = [(begin, 0.0), (begin, STRUT_RADIUS), (end, STRUT_RADIUS), (end, 0.0)];
+    rec.log_static(entity, &Mesh::lathe(Vector3::zeros(), Vector3::x(), &tube).solid(CARBON))?;
+    // Seen from outside: a bowl around the ball that narrows to the tube.
+    let wide = BALL_RADIUS + wall;
+    let bowl = [(-0.3 * depth, BALL_RADIUS), (-0.3 * depth, wide), (0.5 * depth, wide), (1.6 * depth, STRUT_RADIUS)];
+    for (name, base, axis) in [(CUPS[0], 0.0, Vector3::x()), (CUPS[1], length, -Vector3::x())] {
+        let cup = Mesh::lathe(Vector3::x() * base, axis, &bowl);
+        rec.log_static(format!("{entity}/{name}"), &cup.solid(STEEL))?;
+    }
+    Ok(())
+}
+
+/// Entities of the cups of a strut: at the elbow, at the platform.
+const CUPS: [&str; 2] = ["cup_upper", "cup_lower"];
+
+/// Logs the colours over time: of the arms by their residual, of struts and cups by the share of the hold that their
+/// load uses.
 fn paint(rec: &RecordingStream, entity: &str, scene: &Scene, b: usize) -> Outcome {
-    let (usual, axis) = match b {
-        ARM..STRUT => (STEEL, Some(b - ARM)),
-        STRUT..PLATFORM => (CARBON, None),
-        TELESCOPE_UPPER => (STEEL, Some(3)),
-        TELESCOPE_LOWER => (CARBON, Some(3)),
-        _ => return Ok(()),
+    let color = |[r, g, b]: [u8; 3]| rerun::Rgba32::from_rgb(r, g, b);
+    let send = |entity: &str, colors: Vec<rerun::Rgba32>| -> Outcome {
+        let colors = a::Mesh3D::update_fields().with_many_albedo_factor(colors);
+        rec.send_columns(entity, [frames(&scene.times)], colors.columns_of_unit_batches()?)?;
+        Ok(())
     };
-    let colors: Vec<_> = match (&scene.residual, &scene.loose, axis) {
-        (Some(residual), _, Some(axis)) => residual.iter().map(|r| color(heat(r[axis]))).collect(),
-        (_, Some(loose), None) => loose.iter().map(|open| color(if open[b - STRUT] { LOOSE } else { usual })).collect(),
-        _ => {
-            rec.log_static(entity, &a::Capsules3D::update_fields().with_colors([color(usual)]))?;
-            return Ok(());
+    let axis = match b {
+        ARM..STRUT => Some(b - ARM),
+        TELESCOPE_UPPER | TELESCOPE_LOWER => Some(3),
+        _ => None,
+    };
+    if let (Some(residual), Some(axis)) = (&scene.residual, axis) {
+        return send(entity, residual.iter().map(|r| color(heat(r[axis]))).collect());
+    }
+    if !(STRUT..PLATFORM).contains(&b) {
+        return Ok(());
+    }
+    let s = b - STRUT;
+    let is_loose = |k: usize| scene.loose.as_ref().is_some_and(|loose| loose[k][s]);
+    let tint = |k: usize, used: f64, usual: [u8; 3]| color(if is_loose(k) { LOOSE } else { strain(usual, used) });
+    let count = scene.times.len();
+    let Some(used) = &scene.used else {
+        let colors = (0..count).map(|k| tint(k, 0.0, CARBON)).collect();
+        return if scene.loose.is_some() { send(entity, colors) } else { Ok(()) };
+    };
+    let larger = |k: usize| used[k][s].max(used[k][STRUTS + s]);
+    send(entity, (0..count).map(|k| tint(k, larger(k), CARBON)).collect())?;
+    for (end, name) in CUPS.iter().enumerate() {
+        let colors = (0..count).map(|k| tint(k, used[k][end * STRUTS + s], STEEL)).collect();
+        send(&format!("{entity}/{name}"), colors)?;
+    }
+    Ok(())
+}
+
+/// Entity of the clamp spring of a pair at the elbow (`end` 0) or at the platform (1).
+fn spring_entity(pair: usize, end: usize) -> String {
+    format!("world/springs/pair{}_{}", pair + 1, ["upper", "lower"][end])
+}
+
+/// Logs the clamp springs between the struts of each pair, at the elbows and at the platform.
+fn springs(rec: &RecordingStream, g: &Geometry) -> Outcome {
+    let coil = spring([Vector3::zeros(), Vector3::x() * g.pair_distance], SPRINGS.1, SPRINGS.2);
+    for (pair, end) in (0..ARMS).flat_map(|pair| [(pair, 0), (pair, 1)]) {
+        let coil = a::LineStrips3D::new([coil.clone()]).with_colors([color(STEEL)]).with_radii([WIRE]);
+        rec.log_static(spring_entity(pair, end), &coil)?;
+    }
+    Ok(())
+}
+
+/// Logs where the springs are, from one strut of the pair to the other, and that there are none once a strut is loose.
+fn springs_motion(rec: &RecordingStream, scene: &Scene) -> Outcome {
+    for (pair, end) in (0..ARMS).flat_map(|pair| [(pair, 0), (pair, 1)]) {
+        let place = Point3::from(Vector3::x() * [SPRINGS.0, scene.geometry.strut_length[pair] - SPRINGS.0][end]);
+        let pose = |bodies: &[Isometry3<f64>; BODIES]| {
+            let [from, to] = [0, 1].map(|k| bodies[STRUT + 2 * pair + k] * place);
+            let turn = UnitQuaternion::rotation_between(&Vector3::x(), &(to - from)).unwrap_or_default();
+            Isometry3::from_parts(from.coords.into(), turn)
+        };
+        let entity = spring_entity(pair, end);
+        follow(rec, &EntityPath::from(entity.as_str()), &scene.times, scene.bodies.iter().map(pose))?;
+        if let Some(loose) = &scene.loose {
+            let radius = |open: &[bool; STRUTS]| if open[2 * pair] || open[2 * pair + 1] { 0.0 } else { WIRE };
+            let columns = a::LineStrips3D::update_fields().with_radii(loose.iter().map(radius));
+            rec.send_columns(entity, [frames(&scene.times)], columns.columns_of_unit_batches()?)?;
         }
-    };
-    let colors = a::Capsules3D::update_fields().with_colors(colors);
-    rec.send_columns(entity, [frames(&scene.times)], colors.columns_of_unit_batches()?)?;
+    }
     Ok(())
 }
 
@@ -183,13 +291,12 @@ fn platform(rec: &RecordingStream, entity: &str, g: &Geometry) -> Outcome {
     };
     let corners = [1, 0, 3, 2, 5, 4].map(corner);
     balls(rec, entity, corners)?;
-    let edge = corners.iter().chain(&corners[..1]).map(|c| point(*c));
-    let edge = a::LineStrips3D::new([edge]).with_colors([color(ORANGE)]).with_radii([0.008f32]);
-    rec.log_static(format!("{entity}/edge"), &edge)?;
+    let plate = Mesh::plate(&corners, 0.5 * PLATFORM_THICKNESS);
     let radius = (g.platform_radius - PLATFORM_INSET).max(0.5 * g.platform_radius) + PLATFORM_THICKNESS;
-    let hub = a::Cylinders3D::from_lengths_and_radii([2.0 * PLATFORM_THICKNESS as f32], [radius as f32]);
-    let hub = hub.with_colors([color(ORANGE)]).with_fill_mode(FillMode::Solid);
-    rec.log_static(format!("{entity}/hub"), &hub)?;
+    let thick = PLATFORM_THICKNESS;
+    let profile = [(-thick, 0.0), (-thick, 0.8 * radius), (0.0, radius), (thick, 0.8 * radius), (thick, 0.0)];
+    let hub = Mesh::lathe(Vector3::zeros(), Vector3::z(), &profile);
+    rec.log_static(format!("{entity}/hub"), &plate.and(hub).solid(ORANGE))?;
     Ok(())
 }
 
@@ -307,8 +414,18 @@ fn quaternion(pose: &Isometry3<f64>) -> rerun::Quaternion {
     rerun::Quaternion::from_xyzw([x, y, z, w])
 }
 
-fn point(v: Vector3<f64>) -> [f32; 3] {
+pub(super) fn point(v: Vector3<f64>) -> [f32; 3] {
     [v.x as f32, v.y as f32, v.z as f32]
+}
+
+/// Colour of a part that uses the share `used` of its hold: its `usual` colour up to a half, yellow at three quarters, red
+/// at the limit.
+fn strain(usual: [u8; 3], used: f64) -> [u8; 3] {
+    let stops = [usual, [240, 200, 60], [225, 40, 40]];
+    let x = if used.is_finite() { (4.0 * (used - 0.5)).clamp(0.0, 2.0) } else { 2.0 };
+    let i = (x as usize).min(1);
+    let mix = |a: u8, b: u8| (f64::from(a) + (x - i as f64) * (f64::from(b) - f64::from(a))) as u8;
+    std::array::from_fn(|c| mix(stops[i][c], stops[i + 1][c]))
 }
 
 /// Colour of a residual: green within the noise, yellow at 3 σ, red from 6 σ.
@@ -321,7 +438,14 @@ fn heat(sigma: f64) -> [u8; 3] {
 
 #[cfg(test)]
 mod tests {
-    use super::heat;
+    use super::{CARBON, heat, strain};
+
+    #[test]
+    fn strain_colours() {
+        assert_eq!((strain(CARBON, 0.0), strain(CARBON, 0.5)), (CARBON, CARBON));
+        assert_eq!((strain(CARBON, 0.75), strain(CARBON, 1.2)), ([240, 200, 60], [225, 40, 40]));
+        assert_eq!(strain(CARBON, f64::NAN), [225, 40, 40]);
+    }
 
     #[test]
     fn residual_colours() {

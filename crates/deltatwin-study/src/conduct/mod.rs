@@ -5,7 +5,7 @@ mod rows;
 mod summary;
 
 pub use rows::{Columns, cell, heading};
-pub use summary::Summary;
+pub use summary::{Diagnosed, Summary};
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ use thiserror::Error;
 use crate::campaign::parquet::Reader;
 use crate::campaign::{Campaign, CampaignError, Chunk, Digest, Draws, Heading, Held, Row, Steps, Value, Watch};
 use crate::design::{Plan, Point, evolution, nominal, normal_share, root};
-use crate::run::{Case, CauseKind, Keep, Outcome, RunError, Verdict, run};
+use crate::run::{Case, CauseKind, Keep, Naming, Outcome, RunError, Verdict, run};
 use crate::statistics::{Subset, SubsetError, SubsetOptions, subset};
 
 /// A study with its folder.
@@ -104,7 +104,12 @@ impl Conduct {
             })?;
         }
         let all = |why| self.study.refuse(0, format!("all factors at their middles: {why}"));
-        self.study.files(&middle, None).map_err(all)?;
+        let files = self.study.files(&middle, None).map_err(all)?;
+        if self.study.diagnose && files.controller_model.is_none() {
+            let why = "`diagnose` compares the runs with the controller's model, and the scenario names none; expected \
+                       `controller_model` in it";
+            return Err(self.study.refuse(0, why.into()).into());
+        }
         Ok(())
     }
 
@@ -222,9 +227,19 @@ impl Conduct {
 
     /// The run at `point`, and its row with the values of the design's own columns.
     fn tried(&self, run: u64, point: &Point, own: Vec<Value>) -> Row {
-        let verdict = self.verdict(point);
-        self.keep(run, point, verdict.as_ref().ok())?;
-        Ok(self.columns.row(&self.study, (run, point), own, &verdict))
+        let answer =
+            if self.study.diagnose { self.diagnosed(point) } else { self.verdict(point).map(|v| (v, Vec::new())) };
+        self.keep(run, point, answer.as_ref().ok().map(|(verdict, _)| verdict))?;
+        let answer = answer.map(|(verdict, naming)| [verdict.row(), naming].concat());
+        Ok(self.columns.row(&self.study, (run, point), own, answer))
+    }
+
+    /// Verdict of the run at `point`, and what the diagnosis says of its recording.
+    fn diagnosed(&self, point: &Point) -> Result<(Verdict, Vec<Value>), String> {
+        let case = self.case(point)?;
+        let outcome = run(&case, Keep::Recording).map_err(|e| e.to_string())?;
+        let naming = Naming::of(&case, &outcome)?;
+        Ok((outcome.verdict, naming.row()))
     }
 
     fn verdict(&self, point: &Point) -> Result<Verdict, String> {
@@ -255,7 +270,7 @@ impl Conduct {
                 let point = at(crossing.high.or(crossing.low).unwrap_or(0.0));
                 self.tried(run, &point, rows::crossing(&crossing))
             }
-            Err(reason) => Ok(self.columns.row(&self.study, (run, &at(0.0)), rows::no_crossing(), &Err(reason))),
+            Err(reason) => Ok(self.columns.row(&self.study, (run, &at(0.0)), rows::no_crossing(), Err(reason))),
         }
     }
 

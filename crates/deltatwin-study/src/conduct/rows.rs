@@ -5,9 +5,9 @@ use deltatwin_io::study::{CAUSES, Design, Factor, Range, Setting, Study};
 
 use crate::campaign::{Heading, Kind, Value};
 use crate::design::{Crossing, Point};
-use crate::run::Verdict;
+use crate::run::{Naming, Verdict};
 
-/// Columns of a study: its run, seed and factors, those of its design, those of a verdict, and an error.
+/// Columns of a study: its run, seed and factors, those of its design, those of a verdict, of a diagnosis, and an error.
 #[derive(Clone, Debug)]
 pub struct Columns {
     /// All headings.
@@ -51,6 +51,9 @@ impl Columns {
         headings.extend(own);
         let verdict = headings.len();
         headings.extend(Verdict::columns().iter().map(|column| Heading::from(*column)));
+        if study.diagnose {
+            headings.extend(Naming::columns().iter().map(|column| Heading::from(*column)));
+        }
         let error = headings.len();
         headings.push(Heading::new("error", "", Kind::Text));
         for (k, factor) in study.factors.iter().enumerate() {
@@ -65,21 +68,21 @@ impl Columns {
         Ok(Self { factors, verdict, margin: named(&margin), survived: named("survived"), error, headings })
     }
 
-    /// Row of a run of `study`; `own` are the values of the design's columns.
+    /// Row of a run of `study`; `own` are the values of the design's columns, `answer` those of verdict and diagnosis.
     pub fn row(
         &self,
         study: &Study,
         (run, point): (u64, &Point),
         own: Vec<Value>,
-        verdict: &Result<Verdict, String>,
+        answer: Result<Vec<Value>, String>,
     ) -> Vec<Value> {
         let integer = |n: u64| Value::Integer(i64::try_from(n).unwrap_or(i64::MAX));
         let mut row = vec![integer(run), point.seed.map_or(Value::Missing, integer)];
         row.extend(study.factors.iter().zip(&point.settings).map(|(factor, setting)| cell(factor, *setting)));
         row.extend(own);
-        match verdict {
-            Ok(verdict) => {
-                row.extend(verdict.row());
+        match answer {
+            Ok(answer) => {
+                row.extend(answer);
                 row.push(Value::Missing);
             }
             Err(reason) => {
@@ -102,7 +105,7 @@ impl Columns {
 
     /// The verdict's part of a row.
     pub fn verdict_of<'r>(&self, row: &'r [Value]) -> &'r [Value] {
-        &row[self.verdict..self.error]
+        &row[self.verdict..self.verdict + Verdict::columns().len()]
     }
 
     /// Settings and seed of a row.

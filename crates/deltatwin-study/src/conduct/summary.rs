@@ -26,8 +26,49 @@ pub struct Summary {
     pub worst: Option<(u64, f64)>,
     /// Failed runs that some supervision would have noticed before, and the median of the lead, s.
     pub noticed: Option<(u64, f64)>,
+    /// What the diagnosis says of the recordings, if the study asks for it.
+    pub diagnosed: Option<Diagnosed>,
     /// Rows of a boundary search whose ray has a crossing, and those along which the margin does not fall.
     pub boundary: Option<(u64, u64)>,
+}
+
+/// Diagnoses of the recordings of a study.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Diagnosed {
+    /// Runs with a diagnosis; others failed before there was enough to diagnose.
+    pub runs: u64,
+    /// Runs by what was named, most frequent first.
+    pub named: Vec<(String, u64)>,
+    /// Runs in which nothing was named although something is missing.
+    pub unknown: u64,
+    /// Value of the factor `over` from which on every diagnosed run names something, with the least margin at that value.
+    pub named_from: Option<(f64, f64)>,
+    /// Least value of the factor `over` at which a run failed.
+    pub failed_from: Option<f64>,
+}
+
+/// One run over the factor `over`.
+struct Along {
+    at: f64,
+    margin: f64,
+    survived: bool,
+    /// Whether an effect was named; `None` without a diagnosis.
+    named: Option<bool>,
+}
+
+/// Value of the factor from which on all of `runs` that were diagnosed name something, with the least margin there.
+fn named_from(runs: &mut [Along]) -> Option<(f64, f64)> {
+    runs.sort_by(|a, b| b.at.total_cmp(&a.at));
+    let mut from = None;
+    for same in runs.chunk_by(|a, b| a.at == b.at) {
+        if same.iter().any(|run| run.named == Some(false)) {
+            break;
+        }
+        if same.iter().any(|run| run.named == Some(true)) {
+            from = Some((same[0].at, same.iter().map(|run| run.margin).fold(f64::INFINITY, f64::min)));
+        }
+    }
+    from
 }
 
 impl Conduct {
@@ -79,6 +120,8 @@ struct Counts {
     causes: BTreeMap<String, u64>,
     sockets: BTreeMap<String, u64>,
     leads: Vec<f64>,
+    named: BTreeMap<String, u64>,
+    along: Vec<Along>,
 }
 
 impl Counts {
@@ -107,7 +150,23 @@ impl Counts {
             *crossings += u64::from(crossed);
             *rising += u64::from(!falls);
         }
-        if row[columns.survived] != Value::Flag(false) {
+        let survived = row[columns.survived] != Value::Flag(false);
+        if conduct.study.diagnose {
+            let answer = text("diagnosis");
+            let named = text("named");
+            let found = summary.diagnosed.get_or_insert_default();
+            found.runs += u64::from(answer.is_some());
+            found.unknown += u64::from(answer.as_deref() == Some("unknown") && named.is_none());
+            if let (Some(over), Some(margin)) = (conduct.study.over, row[columns.margin].number())
+                && let Some(at) = row[columns.factors + over].number()
+            {
+                self.along.push(Along { at, margin, survived, named: answer.map(|_| named.is_some()) });
+            }
+            if let Some(named) = named {
+                *self.named.entry(named).or_default() += 1;
+            }
+        }
+        if survived {
             return;
         }
         summary.failed += 1;
@@ -126,9 +185,29 @@ impl Counts {
         };
         self.summary.causes = ranked(self.causes);
         self.summary.sockets = ranked(self.sockets);
+        if let Some(found) = &mut self.summary.diagnosed {
+            found.named = ranked(self.named);
+            found.named_from = named_from(&mut self.along);
+            found.failed_from = self.along.iter().filter(|run| !run.survived).map(|run| run.at).reduce(f64::min);
+        }
         self.leads.sort_by(f64::total_cmp);
         let count = self.leads.len();
         self.summary.noticed = self.leads.get(count / 2).map(|median| (count as u64, *median));
         self.summary
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_early_name_counts_only_if_all_later_runs_have_one() {
+        let run = |at: f64, named| Along { at, margin: 1.0 - at, survived: at < 0.75, named };
+        let names = [(0.2, Some(true)), (0.4, Some(false)), (0.5, Some(true)), (0.6, Some(true)), (0.8, None)];
+        let mut runs: Vec<Along> = names.map(|(at, named)| run(at, named)).into();
+        assert_eq!(named_from(&mut runs), Some((0.5, 0.5)));
+        runs.push(run(0.6, Some(false)));
+        assert_eq!(named_from(&mut runs), None);
     }
 }

@@ -10,6 +10,7 @@ mod clearance;
 mod fmea;
 mod hand;
 mod margins;
+mod naming;
 mod supervision;
 mod table;
 #[cfg(test)]
@@ -17,6 +18,7 @@ mod tests;
 mod verdict;
 
 pub use clearance::CLEAR;
+pub use naming::Naming;
 pub use verdict::{Cause, CauseKind, FOLLOWS, Fmea, Hand, Margin, Notice, Step, Touchdown, Verdict};
 
 use std::path::PathBuf;

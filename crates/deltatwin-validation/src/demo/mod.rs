@@ -1,7 +1,5 @@
 //! Demonstration of the complete workflow: hide an effect in a robot, measure it, and diagnose it.
 
-pub mod figures;
-
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -10,12 +8,12 @@ use thiserror::Error;
 use crate::exam::campaign::{Prepared, prepare};
 use crate::exam::judge::Truth;
 use crate::exam::{Answer, Campaign, CampaignError, Case, Grade, Hidden, MotionKind, hideable};
-use deltatwin::comparison::{Comparison, compare};
-use deltatwin::diagnosis::{Diagnosis, DiagnosisError, diagnose};
 use deltatwin::effects::Role;
-use deltatwin::identification::{Dataset, Fit, FitError, fit};
+use deltatwin::identification::Dataset;
 use deltatwin::model::Model;
 use deltatwin::text::significant;
+use deltatwin_analysis::run::RunError;
+use deltatwin_analysis::{Analysis, Data, Settings, Step, run};
 
 /// The machine of the demo: the shipped model of the IRB 360-6/1600.
 pub const MODEL: &str = include_str!("../../../../models/irb360-6-1600.toml");
@@ -29,12 +27,6 @@ pub enum DemoError {
     /// The campaign cannot be prepared.
     #[error(transparent)]
     Campaign(#[from] CampaignError),
-    /// The model cannot be fitted.
-    #[error(transparent)]
-    Fit(#[from] FitError),
-    /// The diagnosis failed.
-    #[error(transparent)]
-    Diagnosis(#[from] DiagnosisError),
 }
 
 /// A robot to be measured.
@@ -93,38 +85,38 @@ pub fn describe(campaign: &Campaign) -> String {
     format!("{}: {}", active.effect.name(), values.join(", "))
 }
 
-/// Results of the workflow.
+/// Results of the loop on a robot with a hidden effect.
 pub struct Findings {
-    /// Dataset of the measurement.
-    pub measurement: Dataset,
-    /// Dataset of the validation.
-    pub validation: Dataset,
-    /// Comparison of the delivered model with the measurement.
-    pub comparison: Comparison,
-    /// Fit of the delivered model.
-    pub identified: Fit,
-    /// Diagnosis of the missing effect.
-    pub diagnosis: Diagnosis,
+    /// Datasets of the measurement and, held out, of the validation.
+    pub data: Data,
+    /// What the loop found.
+    pub analysis: Analysis,
     /// Whether the hidden effect was named, alone or in an indistinguishable set.
     pub right: bool,
 }
 
-/// Compares, identifies and diagnoses the delivered model, with validation on the second recording.
+impl Findings {
+    /// RMS residuals on the held-out motion of the delivered, the identified and the extended model, N·m or N per
+    /// channel.
+    pub fn stage_rms(&self) -> [Vec<f64>; 3] {
+        let Analysis { delivered, diagnosis, .. } = &self.analysis;
+        let first = delivered.held_out_rms.clone().unwrap_or_else(|| delivered.rms.clone());
+        [first, diagnosis.rms_before.clone(), diagnosis.rms_after.clone()]
+    }
+}
+
+/// The whole loop on the delivered model, with validation on the second recording.
 ///
 /// # Errors
 /// If the model cannot be fitted or the diagnosis fails.
-pub fn investigate(campaign: &Campaign, progress: &mut dyn FnMut(&str)) -> Result<Findings, DemoError> {
-    progress("compare");
-    let measurement = Dataset::new(&campaign.measurement);
-    let validation = Dataset::new(&campaign.validation);
-    let comparison = compare(&campaign.model, std::slice::from_ref(&measurement), std::slice::from_ref(&validation))?;
-    progress("identify");
-    let noise = measurement.noise(&campaign.model);
-    let identified = fit(&campaign.model, std::slice::from_ref(&measurement), &[noise])?;
-    let diagnosis =
-        diagnose(&campaign.model, std::slice::from_ref(&measurement), std::slice::from_ref(&validation), progress)?;
+pub fn investigate(campaign: &Campaign, progress: &mut dyn FnMut(Step)) -> Result<Findings, RunError> {
+    let [datasets, held_out] = [&campaign.measurement, &campaign.validation].map(|r| vec![Dataset::new(r)]);
+    let data = Data { datasets, held_out, warnings: Vec::new() };
+    // A hidden effect may look like an error of the recording, so that the gate only warns.
+    let settings = Settings { no_gate: true, ..Settings::default() };
+    let analysis = run(&campaign.model, &data, &settings, progress)?;
     let truth =
         Truth { effects: campaign.hidden.iter().map(|h| h.active.effect.name().into()).collect(), ..Truth::default() };
-    let right = Grade::of(&truth, &Answer::from(&diagnosis)) == Grade::Right;
-    Ok(Findings { measurement, validation, comparison, identified, diagnosis, right })
+    let right = Grade::of(&truth, &Answer::from(&analysis.diagnosis)) == Grade::Right;
+    Ok(Findings { data, analysis, right })
 }

@@ -12,8 +12,7 @@ use super::size::Hidden;
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::Role;
 use deltatwin::effects::formula::Place;
-use deltatwin_io::file::WriteError;
-use deltatwin_io::file::replace_text;
+use deltatwin_io::file::{self, WriteError, replace_text};
 
 /// File of the hidden effects.
 pub const TRUTH: &str = "truth.json";
@@ -201,7 +200,7 @@ fn write_json(file: &Path, value: &Value) -> Result<(), FolderError> {
 }
 
 fn read_json(file: &Path) -> Result<Value, FolderError> {
-    let text = std::fs::read_to_string(file).map_err(|source| FolderError::Io { file: file.into(), source })?;
+    let text = file::text(file).map_err(|source| FolderError::Io { file: file.into(), source })?;
     serde_json::from_str(&text).map_err(|e| FolderError::Content {
         file: file.into(),
         problem: format!("is no JSON: {e}"),

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use deltatwin::numerics;
+use deltatwin_study::statistics::wilson;
 use serde_json::{Map, Value, json};
 
 use super::judge::{Answer, Grade, Question, Truth};
@@ -112,12 +113,7 @@ impl Rate {
 
     /// 95 % confidence interval of the share [Wilson 1927].
     pub fn interval(self) -> [f64; 2] {
-        const Z: f64 = 1.959_964;
-        let Some(p) = self.share() else { return [0.0, 1.0] };
-        let n = self.of as f64;
-        let middle = (p + Z * Z / (2.0 * n)) / (1.0 + Z * Z / n);
-        let half = Z / (1.0 + Z * Z / n) * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
-        [(middle - half).max(0.0), (middle + half).min(1.0)]
+        wilson(self.count, self.of, 0.95)
     }
 
     /// JSON object `{count, of, share, interval}`.

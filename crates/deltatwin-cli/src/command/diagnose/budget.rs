@@ -1,8 +1,6 @@
-//! Error budget on the terminal and in JSON.
+//! Error budget on the terminal.
 
-use serde_json::{Value, json};
-
-use crate::terminal::{Table, WIDTH, channel_names, say, wrapped};
+use crate::terminal::{Table, WIDTH, say, wrapped};
 use deltatwin::diagnosis::budget::{Budget, Change};
 use deltatwin::model::Added;
 use deltatwin::text::significant;
@@ -54,19 +52,4 @@ pub fn print(budget: &Budget, changes: &[Change], history: &[Added]) -> miette::
         say(format!("\n  Added earlier: {}", names.join(", ")))?;
     }
     Ok(())
-}
-
-/// The budget as JSON; shares are of the mean square error before the first effect.
-pub fn json(budget: &Budget) -> Value {
-    let shares: Vec<_> = (0..budget.channels.len()).map(|c| budget.shares(c)).collect();
-    let effect = |(i, (name, rms)): (usize, &(String, Vec<f64>))| json!({"name": name, "rms_after": rms, "share": shares.iter().map(|s| s.effects[i]).collect::<Vec<_>>()});
-    json!({
-        "channels": channel_names(&budget.channels),
-        "held_out": budget.held_out,
-        "rms_before": budget.rms_before,
-        "noise_floor": budget.noise_floor,
-        "noise": shares.iter().map(|s| s.noise).collect::<Vec<_>>(),
-        "effects": budget.effects.iter().enumerate().map(effect).collect::<Vec<_>>(),
-        "unexplained": shares.iter().map(|s| s.unexplained).collect::<Vec<_>>(),
-    })
 }

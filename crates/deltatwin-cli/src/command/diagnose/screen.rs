@@ -5,7 +5,7 @@ use super::unexplained;
 use crate::data::DataArgs;
 use crate::terminal::{Table, command, error_bars, grouped, say, wrapped};
 use deltatwin::diagnosis::candidates::{Standing, Untestable};
-use deltatwin::diagnosis::{CandidateReport, Diagnosis, Named, Verdict};
+use deltatwin::diagnosis::{CandidateReport, Diagnosis, Verdict};
 use deltatwin::identification::Estimate;
 use deltatwin::text::significant;
 
@@ -14,7 +14,7 @@ const MAX_OTHERS: usize = 3;
 
 /// Prints the diagnosis on one screen.
 pub fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
-    say(wrapped(&verdict(d), 0))?;
+    say(wrapped(&deltatwin_analysis::diagnose::verdict(d), 0))?;
     say("")?;
     let several = d.effects.len() > 1;
     if several {
@@ -58,48 +58,6 @@ pub fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
         say(format!("\n{}", wrapped(&format!("The time was up; not tried: {}", d.not_tried.join(", ")), 2)))?;
     }
     next(d, args)
-}
-
-/// The verdict in one or two sentences.
-pub fn verdict(d: &Diagnosis) -> String {
-    let named = |e: &Named| format!("{} (probability {:.2})", e.name, e.confidence.probability());
-    let names = d.effects.iter().map(named).collect::<Vec<_>>().join(", ");
-    let first = match (d.verdict, d.effects.len()) {
-        (Verdict::None, _) if !d.not_tried.is_empty() => "Nothing was found before the time was up".to_string(),
-        (Verdict::None, _) => "Nothing is missing that these data show".to_string(),
-        (Verdict::Effect, _) => format!("One effect is missing: {names}"),
-        (Verdict::Several, n) => format!("{n} effects are missing: {names}"),
-        (Verdict::Ambiguous, _) => {
-            let sets: Vec<String> = d.indistinguishable.iter().map(|set| set.join(" or ")).collect();
-            let open = |e: &&Named| d.indistinguishable.iter().any(|set| set.contains(&e.name));
-            let clear: Vec<String> = d.effects.iter().filter(|e| !open(e)).map(named).collect();
-            let first = if clear.is_empty() {
-                "Something is missing, and these".to_string()
-            } else {
-                format!("{} is missing, and something of which these", clear.join(", "))
-            };
-            format!("{first} data do not tell whether it is {}", sets.join("; nor whether "))
-        }
-        (Verdict::Unknown, 0) => "Something is missing that no known effect explains".to_string(),
-        (Verdict::Unknown, _) => format!("Something is missing that no known effect explains, beside {names}"),
-    };
-    let left = left(d);
-    match (d.left.beside && d.verdict != Verdict::Unknown, left.is_empty()) {
-        (true, _) => format!("{first} ... and something else: {left}."),
-        (false, true) => format!("{first}."),
-        (false, false) => format!("{first}. {left}."),
-    }
-}
-
-/// The residual above the noise as text; empty if there is none.
-fn left(d: &Diagnosis) -> String {
-    let channels = d.left.channels(&d.channels);
-    let Some((worst, ratio)) = channels.first() else { return String::new() };
-    let others = match channels.len() {
-        1 => String::new(),
-        n => format!(" and more than 1.15 times on {} other{}", n - 1, if n == 2 { "" } else { "s" }),
-    };
-    format!("{} times the noise is left on {}{others}", significant(*ratio, 2), worst.title())
 }
 
 /// Largest number of parameters of an effect on the screen.
@@ -190,10 +148,7 @@ fn next(d: &Diagnosis, args: &Args) -> miette::Result<()> {
 fn words(name: &str, first: &[String], data: &DataArgs, more: &[&str]) -> Vec<String> {
     let mut words: Vec<String> = vec!["deltatwin".into(), name.into()];
     words.extend(first.iter().cloned());
-    words.extend(data.data.iter().map(|f| f.display().to_string()));
-    for (flag, files) in [("--held-out", &data.held_out[..]), ("--setup", data.setup.as_slice())] {
-        words.extend(files.iter().flat_map(|f| [flag.to_string(), f.display().to_string()]));
-    }
+    words.extend(data.inputs().words());
     words.extend(more.iter().map(|w| w.to_string()));
     words
 }

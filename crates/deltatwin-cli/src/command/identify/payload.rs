@@ -3,7 +3,7 @@
 use miette::{IntoDiagnostic, miette};
 use serde_json::{Map, Value, json};
 
-use super::{Args, correction, print_correction, print_unidentified, refusal, unidentified};
+use super::{Args, print_correction, print_unidentified, refusal};
 use crate::data::Data;
 use crate::terminal::{DONE, Table, estimates, insert_channels, path, say, spinner};
 use deltatwin::identification::fit::Options;
@@ -11,6 +11,7 @@ use deltatwin::identification::{PayloadFit, identify_payload};
 use deltatwin::machine::Setup;
 use deltatwin::model::Model;
 use deltatwin::text::significant;
+use deltatwin_analysis::identify::{correction, unidentified};
 use deltatwin_io::recording::setup;
 
 /// Identifies the payload and writes a setup with it; returns the exit status.

@@ -6,6 +6,7 @@ mod chance;
 mod failure;
 mod hand;
 mod importance;
+mod naming;
 
 use std::path::PathBuf;
 
@@ -96,7 +97,7 @@ pub fn label(factor: &Factor) -> String {
 }
 
 /// Columns that pictures need besides the factors.
-const COLUMNS: [&str; 15] = [
+const COLUMNS: [&str; 16] = [
     "run",
     "survived",
     "cause",
@@ -112,6 +113,7 @@ const COLUMNS: [&str; 15] = [
     "reach_high",
     "lead",
     "noticed_by",
+    "named",
 ];
 
 /// Writes the pictures and the page of a study; returns their files, the page first.
@@ -139,6 +141,13 @@ pub fn write(
     add("How probable a failure is", String::new(), chance::curves(&shown), None);
     add("What matters", String::new(), importance::figures(&shown), None);
     let failures = failure::examples(&shown);
+    add(
+        "What the diagnosis names",
+        "From the recording of each run, up to its failure, with the controller's model: encoders and torques alone."
+            .into(),
+        Vec::new(),
+        naming::table(&shown),
+    );
     add("How it fails", failures.text, failures.pictures, None);
     let (pictures, reasons) = hand::comparison(&shown);
     add(

@@ -3,16 +3,16 @@
 use serde_json::{Value, json};
 
 use super::{Args, COMPLETE, STOPPED, command, pictures};
-use crate::terminal::{Table, path, paths, say, wrapped};
+use crate::terminal::{Table, complain, path, paths, say, wrapped};
 use deltatwin::text::significant;
 use deltatwin_study::campaign::Chunk;
-use deltatwin_study::conduct::{Conduct, Summary};
+use deltatwin_study::conduct::{Conduct, Diagnosed, Summary};
 use deltatwin_study::statistics::{Ended, Subset, wilson};
 
 /// Says how to go on after an interruption; returns the exit status.
 pub fn interrupted(args: &Args) -> u8 {
     let chunk = args.chunk.map_or(String::new(), |chunk| format!("--chunk {chunk}"));
-    eprintln!("interrupted; what was done is kept, the same command goes on:\n  {}", command(args, &chunk));
+    complain(format!("interrupted; what was done is kept, the same command goes on:\n  {}", command(args, &chunk)));
     STOPPED
 }
 
@@ -59,6 +59,9 @@ pub fn table(args: &Args, conduct: &Conduct) -> miette::Result<u8> {
     counts(&summary)?;
     if let Some(subset) = subset {
         rare(subset)?;
+    }
+    if let Some(found) = &summary.diagnosed {
+        diagnosed(conduct, found)?;
     }
     if let Some((run, reason)) = &summary.first_error {
         say(wrapped(&format!("{} run(s) without a verdict; run {run}: {reason}", summary.errors), 2))?;
@@ -116,6 +119,32 @@ fn counts(summary: &Summary) -> miette::Result<()> {
     Ok(())
 }
 
+/// What the diagnosis says of the recordings, and how early.
+fn diagnosed(conduct: &Conduct, found: &Diagnosed) -> miette::Result<()> {
+    let count: u64 = found.named.iter().map(|(_, n)| n).sum();
+    let names: Vec<String> = found.named.iter().map(|(name, n)| format!("{name} {n}")).collect();
+    let names = if names.is_empty() { String::new() } else { format!(": {}", names.join(", ")) };
+    say(wrapped(
+        &format!(
+            "the diagnosis of the recordings names something in {count} of {} runs{names}; in {} something is missing and not named",
+            found.runs, found.unknown
+        ),
+        2,
+    ))?;
+    let Some(over) = conduct.study.over.map(|k| &conduct.study.factors[k]) else { return Ok(()) };
+    let value =
+        |x: f64| if over.unit == "1" { significant(x, 3) } else { format!("{} {}", significant(x, 3), over.unit) };
+    let named = match found.named_from {
+        Some((from, margin)) => {
+            format!("always named from {} on, with a margin of {} left", value(from), significant(margin, 2))
+        }
+        None => "not always named at any value".into(),
+    };
+    let failed =
+        found.failed_from.map_or("no run fails".into(), |from| format!("the first failure is at {}", value(from)));
+    say(wrapped(&format!("over {}: {named}; {failed}", over.name), 2))
+}
+
 /// Confidence of intervals.
 const CONFIDENCE: f64 = 0.95;
 
@@ -156,6 +185,14 @@ fn as_json(conduct: &Conduct, summary: &Summary, subset: Option<&Subset>) -> Val
         "least_margin": summary.worst.map(|(_, margin)| margin),
         "noticed_before": summary.noticed.map(|(count, _)| count),
         "median_lead": summary.noticed.map(|(_, median)| median),
+        "diagnosed": summary.diagnosed.as_ref().map(|found| json!({
+            "runs": found.runs,
+            "named": map(&found.named),
+            "unknown": found.unknown,
+            "named_from": found.named_from.map(|(from, _)| from),
+            "margin_then": found.named_from.map(|(_, margin)| margin),
+            "failed_from": found.failed_from,
+        })),
         "probability": subset.map(|s| json!({
             "value": s.probability,
             "variation": s.variation,

@@ -55,6 +55,11 @@ pub(super) struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
+    /// Reader of data without header, in the byte order stated.
+    pub fn bare(data: &'a [u8], little: bool) -> Self {
+        Self { data, at: 0, little }
+    }
+
     pub fn new(data: &'a [u8]) -> Option<Self> {
         let (header, data) = data.split_at_checked(4)?;
         let little = match header[..2] {
@@ -89,11 +94,42 @@ impl<'a> Reader<'a> {
         Some(String::from_utf8_lossy(text).into_owned())
     }
 
+    /// The bytes of a sequence of strings, number included.
+    pub fn raw_strings(&mut self) -> Option<&'a [u8]> {
+        let start = self.at.checked_next_multiple_of(4)?;
+        for _ in 0..self.u32()? {
+            let n = self.u32()? as usize;
+            self.take(n, 1)?;
+        }
+        self.data.get(start..self.at)
+    }
+
     pub fn strings(&mut self) -> Option<Vec<String>> {
         (0..self.u32()?).map(|_| self.string()).collect()
     }
 
+    /// Appends the numbers of a sequence to `out`, if they are wanted; returns how many there are.
+    pub fn numbers(&mut self, out: Option<&mut Vec<f64>>) -> Option<usize> {
+        let count = self.u32()? as usize;
+        if count == 0 {
+            return Some(0);
+        }
+        let bytes = self.take(count.checked_mul(8)?, 8)?;
+        if let Some(out) = out {
+            let (numbers, _) = bytes.as_chunks::<8>();
+            let little = self.little;
+            out.extend(numbers.iter().map(|&b| if little { f64::from_le_bytes(b) } else { f64::from_be_bytes(b) }));
+        }
+        Some(count)
+    }
+
     pub fn f64s(&mut self) -> Option<Vec<f64>> {
-        (0..self.u32()?).map(|_| self.f64()).collect()
+        let mut out = Vec::new();
+        self.numbers(Some(&mut out))?;
+        Some(out)
+    }
+
+    pub fn is_little(&self) -> bool {
+        self.little
     }
 }

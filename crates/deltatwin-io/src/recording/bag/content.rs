@@ -1,45 +1,106 @@
-//! Content of a bag of any kind: messages by topic, and the metadata of the run.
+//! Content of a bag of any kind: messages by topic, decoded as they come, and the metadata of the run.
 
-use std::collections::BTreeMap;
+mod rows;
+mod states;
 
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::path::Path;
+
+pub(super) use self::rows::Rows;
+pub(super) use self::states::{Shape, States};
 use super::messages::{JOINT_STATE, is_type};
 use super::topics;
+use crate::recording::ReadError;
+
+/// Number of topics that an error lists.
+const TOLD: usize = 20;
+/// Memory of a topic and of a message besides its text and numbers, bytes.
+const TOPIC: usize = 300;
+const MESSAGE: usize = 32;
 
 /// Usable messages of a bag, independent of its file format.
-#[derive(Default)]
 pub(super) struct Content {
     /// Metadata records by name.
     pub metadata: BTreeMap<String, BTreeMap<String, String>>,
     /// Usable topics in file order.
     pub streams: Vec<Stream>,
-    /// Names of all topics.
-    pub topics: Vec<String>,
     /// Encoding of a topic with joint states that cannot be decoded.
     pub unread: Option<String>,
     /// Whether the file is truncated or damaged.
     pub cut: bool,
+    /// Names of all topics, and those that an error lists.
+    topics: HashSet<String>,
+    told: Vec<String>,
+    /// Streams by topic and encoding.
+    known: HashMap<(String, Encoding), usize>,
+    /// Memory held and allowed, bytes.
+    held: usize,
+    allowed: usize,
 }
 
 /// The messages of one topic.
 pub(super) struct Stream {
     pub topic: String,
-    pub encoding: Encoding,
-    /// Log time (ns) and data in file order.
-    pub messages: Vec<(u64, Vec<u8>)>,
+    /// Log time of each message, ns, in file order.
+    pub times: Vec<u64>,
+    pub messages: Messages,
+}
+
+/// Decoded messages.
+pub(super) enum Messages {
+    /// Joint states of the robot or of another device.
+    States(States),
+    /// Values that accompany the joint states.
+    Rows(Rows),
 }
 
 /// Encoding of the messages of a topic.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Encoding {
     Cdr,
     Json,
 }
 
+/// The content needs more memory than is allowed, bytes.
+#[derive(Debug)]
+pub(super) struct Full {
+    allowed: usize,
+}
+
+impl Full {
+    pub fn error(&self, path: &Path) -> ReadError {
+        let problem = format!("its messages need more than {} MB of memory", self.allowed >> 20);
+        ReadError::content(path, problem, "a shorter recording, or a larger --max-memory")
+    }
+}
+
 impl Content {
+    /// Nothing yet, which may grow to `allowed` bytes of memory.
+    pub fn new(allowed: usize) -> Self {
+        Self {
+            metadata: BTreeMap::new(),
+            streams: Vec::new(),
+            unread: None,
+            cut: false,
+            topics: HashSet::new(),
+            told: Vec::new(),
+            known: HashMap::new(),
+            held: 0,
+            allowed,
+        }
+    }
+
     /// Registers a topic; returns the index of its stream if it is usable.
-    pub fn announce(&mut self, topic: &str, type_name: &str, encoding: &str) -> Option<usize> {
-        if !self.topics.iter().any(|t| t == topic) {
-            self.topics.push(topic.into());
+    ///
+    /// # Errors
+    /// [`Full`] if there are too many.
+    pub fn announce(&mut self, topic: &str, type_name: &str, encoding: &str) -> Result<Option<usize>, Full> {
+        if !self.topics.contains(topic) {
+            self.hold(topic.len() + TOPIC)?;
+            self.topics.insert(topic.into());
+            if self.told.len() < TOLD {
+                self.told.push(topic.into());
+            }
         }
         let is_state = is_type(type_name, &JOINT_STATE);
         let encoding = match encoding {
@@ -49,31 +110,68 @@ impl Content {
                 if is_state {
                     self.unread = Some(other.into());
                 }
-                return None;
+                return Ok(None);
             }
         };
-        let same = |s: &Stream| s.topic == topic && s.encoding == encoding;
-        Some(self.streams.iter().position(same).unwrap_or_else(|| {
-            self.streams.push(Stream { topic: topic.into(), encoding, messages: Vec::new() });
-            self.streams.len() - 1
-        }))
+        let key = (topic.to_string(), encoding);
+        if let Some(stream) = self.known.get(&key) {
+            return Ok(Some(*stream));
+        }
+        self.hold(topic.len() + TOPIC)?;
+        let messages = match topics::is_optional(topic) {
+            true => Messages::Rows(Rows::new(topic, encoding)),
+            false => Messages::States(States::default()),
+        };
+        self.streams.push(Stream { topic: topic.into(), times: Vec::new(), messages });
+        self.known.insert(key, self.streams.len() - 1);
+        Ok(Some(self.streams.len() - 1))
     }
 
-    /// Appends the content of a later part of the same bag.
-    pub fn append(&mut self, part: Self) {
-        self.metadata.extend(part.metadata);
-        for stream in part.streams {
-            match self.streams.iter_mut().find(|s| s.topic == stream.topic && s.encoding == stream.encoding) {
-                Some(own) => own.messages.extend(stream.messages),
-                None => self.streams.push(stream),
+    /// Appends a message to a stream; of values that accompany the joint states, only those that can be decoded.
+    ///
+    /// # Errors
+    /// [`Full`] if memory does not suffice.
+    pub fn push(&mut self, stream: usize, time: u64, data: &[u8]) -> Result<(), Full> {
+        let Stream { times, messages, .. } = &mut self.streams[stream];
+        let added = match messages {
+            Messages::States(states) => Some(states.push(data)),
+            Messages::Rows(rows) => rows.push(data),
+        };
+        if let Some(bytes) = added {
+            times.push(time);
+            self.hold(bytes + MESSAGE)?;
+        }
+        Ok(())
+    }
+
+    /// Counts memory, bytes.
+    ///
+    /// # Errors
+    /// [`Full`] if it does not suffice.
+    pub fn hold(&mut self, bytes: usize) -> Result<(), Full> {
+        self.held += bytes;
+        if self.held > self.allowed { Err(Full { allowed: self.allowed }) } else { Ok(()) }
+    }
+
+    /// Names of the first topics, for an error.
+    pub fn topics(&self) -> String {
+        let more = self.topics.len() - self.told.len();
+        self.told.join(", ") + &if more > 0 { format!(" and {more} more") } else { String::new() }
+    }
+
+    /// Sorts the messages of every stream by log time.
+    pub fn sort(&mut self) {
+        for Stream { times, messages, .. } in &mut self.streams {
+            if times.is_sorted() {
+                continue;
+            }
+            let mut order: Vec<usize> = (0..times.len()).collect();
+            order.sort_by_key(|&i| times[i]);
+            *times = order.iter().map(|&i| times[i]).collect();
+            match messages {
+                Messages::States(states) => states.reorder(&order),
+                Messages::Rows(rows) => rows.reorder(&order),
             }
         }
-        for topic in part.topics {
-            if !self.topics.contains(&topic) {
-                self.topics.push(topic);
-            }
-        }
-        self.unread = self.unread.take().or(part.unread);
-        self.cut |= part.cut;
     }
 }

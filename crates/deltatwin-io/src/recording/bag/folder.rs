@@ -6,16 +6,16 @@ use yaml_rust2::{Yaml, YamlLoader};
 
 use super::content::Content;
 use super::{EXPECTED, kind_of, read_file};
+use crate::file;
 use crate::recording::ReadError;
 
 const METADATA: &str = "metadata.yaml";
 
-/// Reads all files of a bag in order.
-pub(super) fn read(path: &Path, warnings: &mut Vec<String>) -> Result<Content, ReadError> {
-    let mut found = Content::default();
+/// Appends the content of all files of a bag in order to `found`.
+pub(super) fn read(path: &Path, found: &mut Content, warnings: &mut Vec<String>) -> Result<(), ReadError> {
     for file in files(path)? {
-        match read_file(&file, warnings) {
-            Ok(part) => found.append(part),
+        match read_file(&file, found, warnings) {
+            Ok(()) => {}
             // The last file of a bag that was not closed may be missing or empty.
             Err(e) if !found.streams.is_empty() => {
                 warnings.push(format!("a later part of the bag is left out: {e}"));
@@ -25,7 +25,7 @@ pub(super) fn read(path: &Path, warnings: &mut Vec<String>) -> Result<Content, R
             Err(e) => return Err(e),
         }
     }
-    Ok(found)
+    Ok(())
 }
 
 /// The files listed in `metadata.yaml`; without it, all bag files in the order of their numbers.
@@ -49,7 +49,7 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>, ReadError> {
 }
 
 fn listed(folder: &Path, metadata: &Path) -> Result<Vec<PathBuf>, ReadError> {
-    let text = std::fs::read_to_string(metadata).map_err(|e| ReadError::io(metadata, e))?;
+    let text = file::text(metadata).map_err(|e| ReadError::io(metadata, e))?;
     let expected = "rosbag2_bagfile_information with relative_file_paths";
     let documents = YamlLoader::load_from_str(&text)
         .map_err(|e| ReadError::content(metadata, format!("is no YAML: {e}"), expected))?;

@@ -91,33 +91,75 @@ fn read_header(r: &mut Reader) -> Option<i64> {
     Some(i64::from(sec) * SECOND + i64::from(nanosec))
 }
 
-/// One `sensor_msgs/msg/JointState`.
-#[derive(Default)]
-pub(super) struct JointState {
+/// A `sensor_msgs/msg/JointState` being read, without its numbers.
+pub(super) struct RawState<'a> {
     /// ns since 1970-01-01 UTC.
     pub stamp: i64,
-    pub name: Vec<String>,
-    pub position: Vec<f64>,
-    pub velocity: Vec<f64>,
-    pub effort: Vec<f64>,
+    /// Number of positions, velocities and efforts.
+    pub counts: [usize; 3],
+    names: &'a [u8],
+    little: bool,
 }
 
-impl JointState {
-    pub fn parse(data: &[u8]) -> Option<Self> {
+/// Which numbers of a joint state are wanted, and where they are appended: positions, velocities and efforts in this
+/// order, or efforts alone.
+pub(super) enum Numbers<'a> {
+    All(&'a mut Vec<f64>),
+    Efforts(&'a mut Vec<f64>),
+}
+
+/// The names of the joints of a message, as they are in its bytes.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct JointNames {
+    bytes: Vec<u8>,
+    little: bool,
+}
+
+impl<'a> RawState<'a> {
+    /// The message, its numbers appended to `numbers`; `None` if it cannot be decoded.
+    pub fn parse(data: &'a [u8], numbers: &mut Numbers) -> Option<Self> {
         let mut r = Reader::new(data)?;
         let stamp = read_header(&mut r)?;
-        Some(Self { stamp, name: r.strings()?, position: r.f64s()?, velocity: r.f64s()?, effort: r.f64s()? })
+        let names = r.raw_strings()?;
+        let counts = match numbers {
+            Numbers::All(out) => [r.numbers(Some(out))?, r.numbers(Some(out))?, r.numbers(Some(out))?],
+            Numbers::Efforts(out) => [r.numbers(None)?, r.numbers(None)?, r.numbers(Some(out))?],
+        };
+        Some(Self { stamp, counts, names, little: r.is_little() })
     }
 
-    pub fn encode(time: i64, name: &[String], [position, velocity, effort]: [&[f64]; 3]) -> Vec<u8> {
-        let mut w = Writer::default();
-        header(&mut w, time, "");
-        w.strings(name);
-        w.f64s(position);
-        w.f64s(velocity);
-        w.f64s(effort);
-        w.finish()
+    /// Whether the joints have these names.
+    pub fn has(&self, names: &JointNames) -> bool {
+        self.names == names.bytes && self.little == names.little
     }
+
+    /// The names of the joints.
+    pub fn names(&self) -> JointNames {
+        JointNames { bytes: self.names.to_vec(), little: self.little }
+    }
+}
+
+impl JointNames {
+    /// The names as texts.
+    pub fn texts(&self) -> Vec<String> {
+        Reader::bare(&self.bytes, self.little).strings().unwrap_or_default()
+    }
+
+    /// Size of the names, bytes.
+    pub fn len(&self) -> usize {
+        self.bytes.len()
+    }
+}
+
+/// Encodes a `sensor_msgs/msg/JointState`.
+pub(super) fn joint_state(time: i64, name: &[String], [position, velocity, effort]: [&[f64]; 3]) -> Vec<u8> {
+    let mut w = Writer::default();
+    header(&mut w, time, "");
+    w.strings(name);
+    w.f64s(position);
+    w.f64s(velocity);
+    w.f64s(effort);
+    w.finish()
 }
 
 /// Encodes a `geometry_msgs/msg/PointStamped` in `frame`.

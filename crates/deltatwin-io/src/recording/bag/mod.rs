@@ -10,10 +10,13 @@ mod mcap_file;
 mod messages;
 mod read;
 mod sqlite_file;
+mod tail;
 mod topics;
 mod write;
 
 pub use read::read;
+pub use tail::{JointSample, Tail};
+pub(in crate::recording) use write::Writer;
 pub use write::write;
 
 use std::io::Read;
@@ -24,6 +27,7 @@ use deltatwin::machine::{Axis, Effort, Joint, Mechanism};
 use self::content::Content;
 use self::messages::SECOND;
 use super::ReadError;
+use crate::file;
 
 const EXPECTED: &str = "an MCAP file with sensor_msgs/msg/JointState messages, or a bag of ROS 2";
 
@@ -50,7 +54,7 @@ enum Kind {
 /// Kind of a file by its first bytes, or by its name if these are not conclusive.
 fn kind_of(path: &Path) -> Option<Kind> {
     let mut start = [0; mcap_file::MAGIC.len()];
-    let read = std::fs::File::open(path).and_then(|mut f| f.read_exact(&mut start));
+    let read = file::open(path).and_then(|mut f| f.read_exact(&mut start));
     if read.is_ok() && start == *mcap_file::MAGIC {
         return Some(Kind::Mcap);
     }
@@ -70,9 +74,10 @@ pub fn is_bag(path: &Path) -> bool {
     path.is_dir() || kind_of(path).is_some()
 }
 
-fn read_file(path: &Path, warnings: &mut Vec<String>) -> Result<Content, ReadError> {
+/// Appends the content of an MCAP or SQLite file to `found`.
+fn read_file(path: &Path, found: &mut Content, warnings: &mut Vec<String>) -> Result<(), ReadError> {
     match kind_of(path) {
-        Some(Kind::Sqlite) => sqlite_file::read(path, warnings),
-        _ => mcap_file::read(path, warnings),
+        Some(Kind::Sqlite) => sqlite_file::read(path, found, warnings),
+        _ => mcap_file::read(path, found, warnings),
     }
 }

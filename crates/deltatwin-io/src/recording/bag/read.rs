@@ -6,12 +6,11 @@ use std::path::Path;
 use deltatwin::machine::{Joint, Mechanism, Setup};
 use deltatwin::recording::Signals;
 
-use super::content::{Content, Encoding, Stream};
-use super::messages::JointState;
+use super::content::{Content, Messages, Rows, Shape, States, Stream};
 use super::{EPOCH, EXPECTED, MECHANISMS, folder, read_file, topics};
 use crate::recording::check::{self, Column, Table};
 use crate::recording::columns;
-use crate::recording::{ReadError, Reading, setup};
+use crate::recording::{ReadError, Reading, memory, setup};
 
 /// Signals of a bag, its setup if it contains one, and warnings about what was repaired.
 ///
@@ -23,12 +22,17 @@ use crate::recording::{ReadError, Reading, setup};
 /// A [`ReadError`] if a file cannot be read, the bag contains no usable joint states, or the signals fail the checks.
 pub fn read(path: &Path, how: &Reading) -> Result<(Signals, Option<Setup>, Vec<String>), ReadError> {
     let mut warnings = Vec::new();
-    let mut content = if path.is_dir() { folder::read(path, &mut warnings)? } else { read_file(path, &mut warnings)? };
+    let mut content = Content::new(memory::for_messages(how.max_memory));
+    if path.is_dir() {
+        folder::read(path, &mut content, &mut warnings)?;
+    } else {
+        read_file(path, &mut content, &mut warnings)?;
+    }
     let setup = match content.metadata.get("setup").and_then(|m| m.get("toml")) {
         Some(text) => Some(setup::from_toml(text, &format!("{}[setup]", path.display()))?),
         None => None,
     };
-    let joints = joint_states(path, &mut content, &mut warnings)?;
+    let (times, joints) = joint_states(path, &mut content, &mut warnings)?;
     let noted = noted_machine(&content);
     if let (Some(wanted), Some(noted)) = (how.machine, noted)
         && wanted.effort() != noted.effort()
@@ -43,9 +47,11 @@ pub fn read(path: &Path, how: &Reading) -> Result<(Signals, Option<Setup>, Vec<S
         // They are about all axes.
         content.streams.retain(|s| !topics::is_optional(&s.topic));
     }
-    let samples = Samples::of(path, &joints, machine, how.joint, &mut warnings)?;
+    let samples = Samples::of(path, &times, &joints, machine, how.joint, &mut warnings)?;
+    drop((times, joints));
     let zero = content.metadata.get("run").and_then(|m| m.get("zero_ns")?.parse::<i64>().ok());
     let (table, start) = samples.table(path, machine, zero, &content, &mut warnings);
+    drop(content);
     let (table, mapped) = columns::remap(table, how)?;
     let (mut signals, noticed) = check::signals(table)?;
     signals.start = Some(start).filter(|s| *s != EPOCH);
@@ -53,27 +59,31 @@ pub fn read(path: &Path, how: &Reading) -> Result<(Signals, Option<Setup>, Vec<S
     Ok((signals, setup, warnings))
 }
 
-/// Removes and returns the stream with the robot's joint states.
-fn joint_states(path: &Path, content: &mut Content, warnings: &mut Vec<String>) -> Result<Stream, ReadError> {
-    let is_state = |s: &Stream| !topics::is_optional(&s.topic) && s.encoding == Encoding::Cdr;
+/// Removes and returns the log times (ns) and messages of the stream with the robot's joint states.
+fn joint_states(
+    path: &Path,
+    content: &mut Content,
+    warnings: &mut Vec<String>,
+) -> Result<(Vec<u64>, States), ReadError> {
+    let is_state = |s: &Stream| matches!(s.messages, Messages::States(_));
     let filled: Vec<usize> = (0..content.streams.len())
-        .filter(|&i| is_state(&content.streams[i]) && !content.streams[i].messages.is_empty())
+        .filter(|&i| is_state(&content.streams[i]) && !content.streams[i].times.is_empty())
         .collect();
     let usual = filled.iter().find(|&&i| content.streams[i].topic == topics::JOINTS);
-    let Some(&chosen) = usual.or(filled.first()) else {
+    let chosen = usual.or(filled.first()).map(|&i| content.streams.swap_remove(i));
+    let Some(Stream { topic, times, messages: Messages::States(states), .. }) = chosen else {
         let problem = match &content.unread {
             Some(encoding) => format!("has JointState messages in the encoding `{encoding}`"),
             None if content.streams.iter().any(is_state) => "has a JointState topic without messages".into(),
-            None => format!("has no JointState messages (topics: {})", content.topics.join(", ")),
+            None => format!("has no JointState messages (topics: {})", content.topics()),
         };
-        let cut = if content.cut { " and is cut short" } else { "" };
+        let cut = if content.cut { " and is cut short or damaged" } else { "" };
         return Err(ReadError::content(path, problem + cut, format!("{EXPECTED} in CDR")));
     };
     if filled.len() > 1 {
-        let topic = &content.streams[chosen].topic;
         warnings.push(format!("several topics carry JointState; `{topic}` is read"));
     }
-    Ok(content.streams.swap_remove(chosen))
+    Ok((times, states))
 }
 
 /// The machine stated in the bag, if any.
@@ -83,86 +93,119 @@ fn noted_machine(content: &Content) -> Option<Mechanism> {
 }
 
 /// The machine with as many axes as there are joints.
-fn machine_of(joints: &Stream) -> Mechanism {
-    let states = joints.messages.iter().filter_map(|(_, data)| JointState::parse(data));
-    let axes = |s: JointState| {
-        let named = [4, 3, 1].into_iter().find(|&n| by_name(&s.name, n).is_some());
-        named.unwrap_or(s.name.len().max(s.position.len()))
+fn machine_of(joints: &States) -> Mechanism {
+    let axes = |shape: &Shape| {
+        let named = [4, 3, 1].into_iter().find(|&n| by_name(&shape.names, n).is_some());
+        named.unwrap_or(shape.names.len().max(shape.counts[0]))
     };
     // Other devices may publish on the same topic.
-    match states.take(100).map(axes).max() {
+    let first = joints.shapes().iter().take(SHAPES);
+    match first.map(axes).max() {
         Some(1) => Mechanism::axis(Joint::Revolute),
         Some(3) => Mechanism::Delta { telescope: false },
         _ => Mechanism::default(),
     }
 }
 
+/// Number of different messages from which the machine is inferred.
+const SHAPES: usize = 100;
+
 /// Joint states of a machine, axes in order.
 struct Samples {
-    states: Vec<JointState>,
-    /// Log time of each state, ns.
+    /// Positions, efforts and velocities of each axis; no velocities unless every message has them.
+    position: Vec<Vec<f64>>,
+    effort: Vec<Vec<f64>>,
+    velocity: Option<Vec<Vec<f64>>>,
+    /// Stamp and log time of each state, ns.
+    stamps: Vec<i64>,
     times: Vec<u64>,
-    /// Number of each message on its topic, from 1.
+    /// Number of each message on its topic, from 1; empty if there are no others.
     rows: Vec<u64>,
+}
+
+/// What is read of messages of one shape.
+struct Picking {
+    /// Place of each axis among the joints; `None` for another device.
+    places: Option<Vec<usize>>,
+    /// Whether the axes were taken in the order of the joints, and the number of joints beyond them.
+    by_order: bool,
+    extra: usize,
+}
+
+impl Picking {
+    fn of(shape: &Shape, axes: usize, joint: Option<&str>) -> Self {
+        let count = shape.names.len().max(shape.counts[0]);
+        let named = match joint {
+            Some(joint) => shape.names.iter().position(|n| n == joint).map(|place| vec![place]),
+            None => by_name(&shape.names, axes),
+        };
+        let by_order = joint.is_none() && named.is_none() && count == axes;
+        let places = if by_order { Some((0..axes).collect()) } else { named };
+        let extra = if places.is_some() { count.saturating_sub(axes) } else { 0 };
+        Self { places, by_order, extra }
+    }
 }
 
 impl Samples {
     fn of(
         path: &Path,
-        joints: &Stream,
+        times: &[u64],
+        joints: &States,
         machine: Mechanism,
         joint: Option<&str>,
         warnings: &mut Vec<String>,
     ) -> Result<Self, ReadError> {
         let axes = machine.axes();
-        let mut extra = 0;
-        let mut order: Option<(Vec<String>, Option<Vec<usize>>)> = None;
-        let mut out = Self { states: Vec::new(), times: Vec::new(), rows: Vec::new() };
-        let mut by_order = false;
-        let mut foreign = None;
-        for (i, (log_time, data)) in joints.messages.iter().enumerate() {
+        let pickings: Vec<Picking> = joints.shapes().iter().map(|shape| Picking::of(shape, axes, joint)).collect();
+        let of_axes = || vec![Vec::with_capacity(joints.len()); axes];
+        let mut out = Self {
+            position: of_axes(),
+            effort: of_axes(),
+            velocity: joints.shapes().first().filter(|shape| shape.counts[1] > 0).map(|_| of_axes()),
+            stamps: Vec::with_capacity(joints.len()),
+            times: Vec::with_capacity(joints.len()),
+            rows: Vec::new(),
+        };
+        let mut foreign: Option<&Shape> = None;
+        for (i, time) in times.iter().enumerate() {
             let bad = |problem: &str| {
                 let problem = format!("JointState message {} {problem}", i + 1);
                 ReadError::content(path, problem, "position and effort of every joint")
             };
-            let state = JointState::parse(data).ok_or_else(|| bad("cannot be decoded"))?;
-            if order.as_ref().is_none_or(|(names, _)| *names != state.name) {
-                let chosen = joint.map(|j| state.name.iter().position(|n| n == j).map(|place| vec![place]));
-                let mut found = chosen.clone().unwrap_or_else(|| by_name(&state.name, axes));
-                let count = state.name.len().max(state.position.len());
-                if chosen.is_none() && found.is_none() && count == axes {
-                    found = Some((0..axes).collect());
-                    by_order = true;
+            let state = joints.get(i).ok_or_else(|| bad("cannot be decoded"))?;
+            let Some(places) = &pickings[state.kind].places else {
+                foreign = foreign.or(Some(state.shape));
+                if out.rows.is_empty() {
+                    out.rows = (1..=out.times.len() as u64).collect();
                 }
-                if found.is_some() {
-                    extra = extra.max(count - axes);
-                }
-                order = Some((state.name.clone(), found));
-            }
-            let Some((_, Some(picked))) = &order else {
-                foreign = foreign.or(Some(state.name));
                 continue;
             };
-            let most = picked.iter().max().copied().unwrap_or(0);
-            if state.position.len() <= most {
+            let most = places.iter().max().copied().unwrap_or(0);
+            if state.position().len() <= most {
                 return Err(bad("lacks positions"));
             }
-            if state.effort.len() <= most {
+            if state.effort().len() <= most {
                 return Err(bad("lacks efforts (torques)"));
             }
-            let pick = |v: &[f64]| picked.iter().filter_map(|&j| v.get(j).copied()).collect();
-            out.states.push(JointState {
-                position: pick(&state.position),
-                velocity: pick(&state.velocity),
-                effort: pick(&state.effort),
-                ..state
-            });
-            out.rows.push(i as u64 + 1);
-            out.times.push(*log_time);
+            if state.velocity().len() <= most {
+                out.velocity = None;
+            }
+            for (k, &place) in places.iter().enumerate() {
+                out.position[k].push(state.position()[place]);
+                out.effort[k].push(state.effort()[place]);
+                if let Some(velocity) = &mut out.velocity {
+                    velocity[k].push(state.velocity()[place]);
+                }
+            }
+            if foreign.is_some() {
+                out.rows.push(i as u64 + 1);
+            }
+            out.times.push(*time);
+            out.stamps.push(state.stamp);
         }
-        if let Some(names) = foreign {
-            let names = names.join(", ");
-            if out.states.is_empty() {
+        if let Some(shape) = foreign {
+            let names = listed(&shape.names);
+            if out.times.is_empty() {
                 let problem = format!("has JointState messages with the joints {names}");
                 let expected = match joint {
                     Some(joint) => format!("the joint {joint} (--joint)"),
@@ -175,12 +218,13 @@ impl Samples {
             }
             warnings.push(format!("JointState messages with the joints {names} ignored"));
         }
+        let extra = pickings.iter().map(|p| p.extra).max().unwrap_or(0);
         if extra > 0 {
             let has = if axes == 1 { "one axis".into() } else { format!("{axes} axes") };
             warnings.push(format!("{extra} more joint(s) ignored: the machine has {has}"));
         }
-        if by_order {
-            let names = order.map(|o| o.0.join(", ")).unwrap_or_default();
+        if let Some(by_order) = pickings.iter().rposition(|p| p.by_order) {
+            let names = listed(&joints.shapes()[by_order].names);
             warnings.push(format!("joint names ({names}) are not axis1…axis{axes}: taken in this order"));
         }
         Ok(out)
@@ -189,64 +233,75 @@ impl Samples {
     /// Table of the joint states and of the accompanying topics, and the instant of t = 0, ns since 1970: `zero`, or
     /// that of the first sample.
     fn table(
-        &self,
+        self,
         path: &Path,
         machine: Mechanism,
         zero: Option<i64>,
         content: &Content,
         warnings: &mut Vec<String>,
     ) -> (Table, i64) {
-        let stamped = self.states.iter().all(|s| s.stamp > 0);
-        let times: Vec<i64> = match stamped {
-            true => self.states.iter().map(|s| s.stamp).collect(),
-            false => self.times.iter().map(|&t| t as i64).collect(),
+        let stamped = self.stamps.iter().all(|stamp| *stamp > 0);
+        let first = if stamped { self.stamps.first().copied() } else { self.times.first().map(|&t| t as i64) };
+        let zero = zero.or(first).unwrap_or(0);
+        let seconds = |time: i64| time.wrapping_sub(zero) as f64 / 1e9;
+        let t = match stamped {
+            true => self.stamps.iter().map(|&stamp| seconds(stamp)).collect(),
+            false => self.times.iter().map(|&time| seconds(time as i64)).collect(),
         };
-        let zero = zero.or(times.first().copied()).unwrap_or(0);
-        let t = times.iter().map(|&t| t.wrapping_sub(zero) as f64 / 1e9).collect();
-        let axes = machine.axes();
         let mut columns = Vec::new();
-        let mut axis = |stem: &str, of: &dyn Fn(&JointState) -> &Vec<f64>| {
-            if self.states.iter().all(|s| of(s).len() == axes) {
-                for k in 0..axes {
-                    let values = self.states.iter().map(|s| of(s)[k]).collect();
-                    columns.push(Column { name: format!("{stem}{}", k + 1), values });
-                }
+        for stream in &content.streams {
+            if let Messages::Rows(rows) = &stream.messages {
+                columns.extend(self.beside(stream, rows, machine.axes(), warnings));
             }
-        };
-        axis("q", &|s| &s.position);
-        axis("tau", &|s| &s.effort);
-        axis("qd", &|s| &s.velocity);
-        for stream in content.streams.iter().filter(|s| topics::is_optional(&s.topic)) {
-            columns.extend(self.beside(stream, axes, warnings));
         }
-        (Table { file: path.into(), row: "JointState message", rows: self.rows.clone(), t, columns, machine }, zero)
+        let Self { position, effort, velocity, rows, .. } = self;
+        let axis = |stem: &'static str, of: Vec<Vec<f64>>| {
+            of.into_iter().enumerate().map(move |(k, values)| Column { name: format!("{stem}{}", k + 1), values })
+        };
+        let own = axis("q", position).chain(axis("tau", effort)).chain(axis("qd", velocity.unwrap_or_default()));
+        columns.splice(0..0, own);
+        (Table { file: path.into(), row: "JointState message", rows, t, columns, machine }, zero)
     }
 
     /// Columns of a topic whose messages have the same times as the joint states.
-    fn beside(&self, stream: &Stream, axes: usize, warnings: &mut Vec<String>) -> Vec<Column> {
-        let names = topics::columns(&stream.topic, axes);
-        let by_time: HashMap<u64, &Vec<u8>> = stream.messages.iter().map(|(time, data)| (*time, data)).collect();
-        let decode = |time| topics::decode(&stream.topic, stream.encoding, &names, by_time.get(time)?);
-        let Some(samples) = self.times.iter().map(decode).collect::<Option<Vec<_>>>() else {
+    fn beside(&self, stream: &Stream, rows: &Rows, axes: usize, warnings: &mut Vec<String>) -> Vec<Column> {
+        let Some(places) = self.places(&stream.times) else {
             let reason = "not every joint state has a valid message of the same time";
             warnings.push(format!("`{}` ignored: {reason}", stream.topic));
             return Vec::new();
         };
         let mut columns = Vec::new();
-        for (k, name) in names.into_iter().enumerate() {
-            let values: Vec<f64> = samples.iter().filter_map(|s| *s.get(k)?).collect();
-            if values.len() == self.times.len() {
+        for (k, name) in topics::columns(&stream.topic, axes).into_iter().enumerate().take(rows.width()) {
+            if rows.present(k) == stream.times.len() {
+                let values = places.iter().map(|&i| rows.value(i, k)).collect();
                 columns.push(Column { name, values });
-            } else if !values.is_empty() {
+            } else if rows.present(k) > 0 {
                 warnings.push(format!("`{name}` ignored: not in every message"));
             }
         }
         columns
     }
+
+    /// For each joint state the index of the message of the same time, if each has one.
+    fn places(&self, times: &[u64]) -> Option<Vec<usize>> {
+        if *times == *self.times {
+            return Some((0..times.len()).collect());
+        }
+        let by_time: HashMap<u64, usize> = times.iter().enumerate().map(|(i, time)| (*time, i)).collect();
+        self.times.iter().map(|time| by_time.get(time).copied()).collect()
+    }
+}
+
+/// The first names, for a message.
+fn listed(names: &[String]) -> String {
+    const TOLD: usize = 20;
+    let more = names.len().saturating_sub(TOLD);
+    let told = names.iter().take(TOLD).map(String::as_str).collect::<Vec<_>>().join(", ");
+    told + &if more > 0 { format!(" and {more} more") } else { String::new() }
 }
 
 /// Index of each axis among joints named `axis1`, `q1`, `joint1`, `joint_1`….
-fn by_name(names: &[String], axes: usize) -> Option<Vec<usize>> {
+pub(super) fn by_name(names: &[String], axes: usize) -> Option<Vec<usize>> {
     let number = |name: &String| {
         let name: String = name.chars().filter(char::is_ascii_alphanumeric).collect();
         let name = name.to_ascii_lowercase();

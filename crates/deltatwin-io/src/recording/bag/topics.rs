@@ -21,8 +21,6 @@ use serde::Deserialize;
 use deltatwin::machine::STRUTS;
 use deltatwin::recording::multiplier_names;
 
-use super::content::Encoding;
-use super::messages::{JointState, parse_accelerations, parse_point};
 use crate::recording::check;
 
 pub(super) const JOINTS: &str = "/joint_states";
@@ -65,33 +63,19 @@ pub(super) fn strut_names() -> Vec<String> {
     names("upper").chain(names("lower")).collect()
 }
 
-/// Values of [`columns`] in one message, `None` where not measured; `None` as a whole if it cannot be decoded.
-pub(super) fn decode(topic: &str, encoding: Encoding, columns: &[String], data: &[u8]) -> Option<Vec<Option<f64>>> {
-    match (encoding, topic) {
-        (Encoding::Cdr, STRUT_FORCES | SOCKET_MARGINS | MULTIPLIERS) => {
-            let state = JointState::parse(data)?;
-            if state.name == columns {
-                return Some(state.effort.into_iter().map(Some).collect());
-            }
-            let value = |column: &String| state.effort.get(state.name.iter().position(|n| n == column)?).copied();
-            Some(columns.iter().map(value).collect())
-        }
-        (Encoding::Cdr, LINKS) => {
-            let state = JointState::parse(data)?;
-            Some(state.position.into_iter().chain(state.velocity).map(Some).collect())
-        }
-        (Encoding::Cdr, END_EFFECTOR) => Some(parse_point(data)?.map(Some).to_vec()),
-        (Encoding::Cdr, _) => Some(parse_accelerations(data)?.into_iter().map(Some).collect()),
-        (Encoding::Json, MULTIPLIERS | LINKS) => None,
-        (Encoding::Json, STRUT_FORCES | SOCKET_MARGINS) => {
+/// Values of [`columns`] in one message in JSON, `None` where not measured; `None` as a whole if it cannot be decoded.
+pub(super) fn decode_json(topic: &str, data: &[u8]) -> Option<Vec<Option<f64>>> {
+    match topic {
+        MULTIPLIERS | LINKS => None,
+        STRUT_FORCES | SOCKET_MARGINS => {
             let ends: Ends = serde_json::from_slice(data).ok()?;
             Some([ends.upper, ends.lower].concat())
         }
-        (Encoding::Json, END_EFFECTOR) => {
+        END_EFFECTOR => {
             let p: Point = serde_json::from_slice(data).ok()?;
             Some([p.x, p.y, p.z].map(Some).to_vec())
         }
-        (Encoding::Json, _) => {
+        _ => {
             let a: Acceleration = serde_json::from_slice(data).ok()?;
             Some(a.acceleration.into_iter().map(Some).collect())
         }

@@ -1,144 +1,250 @@
 //! Recordings as MCAP with the profile `ros2`: every message is CDR of a standard type.
+//!
+//! Chunks are short and written whole, so that a file whose writer was killed ends with at most one incomplete chunk.
 
-use std::collections::BTreeMap;
-use std::path::Path;
+use std::collections::{BTreeMap, VecDeque};
+use std::io::{Seek, Write};
 
 use deltatwin::machine::STRUTS;
-use deltatwin::recording::{Context, Level, Recording, Signals, multiplier_names};
+use deltatwin::recording::{Context, Level, Note, Poses, Recording, Signals, multiplier_names};
 use mcap::records::{MessageHeader, Metadata};
 
-use super::messages::{self, Definition, JointState, SECOND};
+use super::messages::{self, Definition, SECOND};
 use super::{EPOCH, MECHANISMS, topics};
-use crate::file::{self, WriteError};
+use crate::recording::recorder::Head;
 use crate::recording::{check, setup};
 
 /// Last second that a ROS 2 time can represent.
 const LAST: i64 = i32::MAX as i64;
+/// Size of the messages after which a chunk is written, bytes: a tenth of a second of four axes at 2.5 kHz.
+const CHUNK: usize = 1 << 16;
 
-/// Writes a recording with its context; times are rounded to nanoseconds.
+/// Writes a whole recording with its context; times are rounded to nanoseconds.
 ///
 /// # Errors
-/// [`WriteError::Invalid`] for inconsistent signals or a time that ROS 2 cannot represent, [`WriteError::Io`] if the
-/// file cannot be written.
-pub fn write(path: &Path, recording: &Recording, context: &Context) -> Result<(), WriteError> {
-    let signals = &recording.signals;
-    check::columns(signals).map_err(|e| WriteError::invalid(path, e))?;
-    let zero = signals.start.unwrap_or(EPOCH);
-    let second = |t: f64| zero as f64 / 1e9 + t;
-    if let Some(t) = signals.t.iter().find(|t| t.abs() >= 1e8 || !(0.0..LAST as f64).contains(&second(**t))) {
-        return Err(WriteError::invalid(path, format!("time {t} s is out of range")));
+/// A description of inconsistent signals or of a time that ROS 2 cannot represent, or what the operating system says.
+pub fn write(out: impl Write + Seek, recording: &Recording, context: &Context) -> std::io::Result<()> {
+    let Recording { signals, setup, .. } = recording;
+    let head = Head { mechanism: signals.mechanism, start: signals.start, setup, context };
+    let mut bag = Writer::new(out, &head)?;
+    bag.append(signals, &context.poses, &context.events)?;
+    bag.finish()
+}
+
+/// A bag being written.
+pub(in crate::recording) struct Writer<W: Write + Seek> {
+    bag: Bag<W>,
+    description: Option<String>,
+    /// Those of the samples, from the first sample on.
+    channels: Option<Channels>,
+    poses: Track<Poses>,
+    notes: Track<Note>,
+    /// Number of samples so far.
+    samples: usize,
+}
+
+/// What happened between samples and is not written yet, with its channel.
+struct Track<T> {
+    channel: Option<u16>,
+    waiting: VecDeque<T>,
+}
+
+impl<T> Default for Track<T> {
+    fn default() -> Self {
+        Self { channel: None, waiting: VecDeque::new() }
     }
-    file::replace(path, |out| {
-        write_records(out, recording, zero, context).map_err(|e| match e {
-            mcap::McapError::Io(e) => e,
-            other => std::io::Error::other(other),
+}
+
+impl<T> Track<T> {
+    /// The channel, registered when it is first needed.
+    fn channel<W: Write + Seek>(
+        &mut self,
+        bag: &mut Bag<W>,
+        topic: &str,
+        definition: &Definition,
+    ) -> mcap::McapResult<u16> {
+        match self.channel {
+            Some(id) => Ok(id),
+            None => Ok(*self.channel.insert(bag.channel(topic, definition)?)),
+        }
+    }
+}
+
+/// Channels of the samples, with the names in their messages.
+struct Channels {
+    joints: u16,
+    joint_names: Vec<String>,
+    struts: Option<u16>,
+    strut_names: Vec<String>,
+    point: Option<u16>,
+    acceleration: Option<u16>,
+    margins: Option<u16>,
+    margin_names: [String; 2 * STRUTS],
+    multipliers: Option<u16>,
+    multiplier_names: Vec<String>,
+    link: Option<u16>,
+    link_names: Vec<String>,
+}
+
+impl<W: Write + Seek> Writer<W> {
+    /// A bag that begins with what is known before the first sample.
+    pub fn new(out: W, head: &Head) -> std::io::Result<Self> {
+        Self::begin(out, head).map_err(plain)
+    }
+
+    fn begin(out: W, head: &Head) -> mcap::McapResult<Self> {
+        let Context { provenance, attachments, description, .. } = head.context;
+        let zero = head.start.unwrap_or(EPOCH);
+        let mut bag = Bag::new(out, zero)?;
+        bag.metadata("setup", [("toml", setup::to_toml(head.setup))])?;
+        bag.metadata("run", [("zero_ns", zero.to_string())])?;
+        let machine = MECHANISMS.iter().find(|(_, m)| *m == head.mechanism).map_or("", |(name, _)| name);
+        bag.metadata("machine", [("mechanism", machine.into())])?;
+        if !provenance.is_empty() {
+            bag.metadata("provenance", provenance.iter().map(|(k, v)| (k.as_str(), v.clone())))?;
+        }
+        for a in attachments {
+            bag.writer.attach(&mcap::Attachment {
+                log_time: zero as u64,
+                create_time: zero as u64,
+                name: a.name.clone(),
+                media_type: a.media_type.clone(),
+                data: a.content.as_slice().into(),
+            })?;
+        }
+        let (poses, notes) = (Track::default(), Track::default());
+        Ok(Self { bag, description: description.clone(), channels: None, poses, notes, samples: 0 })
+    }
+
+    /// Appends samples with the poses and events among them, each in order of time.
+    ///
+    /// # Errors
+    /// As [`write`].
+    pub fn append(&mut self, signals: &Signals, poses: &[Poses], notes: &[Note]) -> std::io::Result<()> {
+        check::columns(signals, self.samples).map_err(std::io::Error::other)?;
+        let second = |t: f64| self.bag.zero as f64 / 1e9 + t;
+        if let Some(t) = signals.t.iter().find(|t| t.abs() >= 1e8 || !(0.0..LAST as f64).contains(&second(**t))) {
+            return Err(std::io::Error::other(format!("time {t} s is out of range")));
+        }
+        self.poses.waiting.extend(poses.iter().cloned());
+        self.notes.waiting.extend(notes.iter().cloned());
+        self.samples(signals).map_err(plain)
+    }
+
+    /// Ends the chunk begun, so that everything appended so far is handed on.
+    pub fn end_chunk(&mut self) -> std::io::Result<()> {
+        self.bag.end_chunk().map_err(plain)
+    }
+
+    /// Writes what comes after the last sample, and the index.
+    pub fn finish(mut self) -> std::io::Result<()> {
+        self.until(i64::MAX).map_err(plain)?;
+        self.bag.writer.finish().map_err(plain).map(drop)
+    }
+
+    fn samples(&mut self, signals: &Signals) -> mcap::McapResult<()> {
+        if self.channels.is_none()
+            && let Some(first) = signals.t.first()
+        {
+            if let Some(urdf) = self.description.take() {
+                let id = self.bag.channel(topics::DESCRIPTION, &messages::STRING)?;
+                self.bag.message(id, self.bag.time(*first), &messages::string(&urdf))?;
+            }
+            self.channels = Some(Channels::of(&mut self.bag, signals)?);
+            // The definitions alone make the first chunk: without them, nothing could be read.
+            self.bag.end_chunk()?;
+        }
+        for (i, t) in signals.t.iter().enumerate() {
+            let time = self.bag.time(*t);
+            self.until(time)?;
+            if let Some(channels) = &self.channels {
+                channels.sample(&mut self.bag, signals, i, time)?;
+            }
+        }
+        self.samples += signals.len();
+        Ok(())
+    }
+
+    /// Writes the poses and events up to `time`.
+    fn until(&mut self, time: i64) -> mcap::McapResult<()> {
+        let Self { bag, poses, notes, .. } = self;
+        while poses.waiting.front().is_some_and(|p| bag.time(p.t) <= time) {
+            let Some(Poses { t, frames }) = poses.waiting.pop_front() else { break };
+            let id = poses.channel(bag, topics::TF, &messages::TRANSFORMS)?;
+            let frames = frames.iter().map(|(name, pose)| (name.as_str(), *pose));
+            bag.message(id, bag.time(t), &messages::transforms(bag.time(t), topics::BASE, frames))?;
+        }
+        while notes.waiting.front().is_some_and(|n| bag.time(n.t) <= time) {
+            let Some(Note { t, level, text }) = notes.waiting.pop_front() else { break };
+            let id = notes.channel(bag, topics::EVENTS, &messages::LOG)?;
+            bag.message(id, bag.time(t), &messages::log(bag.time(t), severity(level), &text))?;
+        }
+        Ok(())
+    }
+}
+
+impl Channels {
+    /// Registers the channels that `signals` have.
+    fn of<W: Write + Seek>(bag: &mut Bag<W>, signals: &Signals) -> mcap::McapResult<Self> {
+        let axes = signals.mechanism.axes();
+        let names = |stem: &str| (1..=axes).map(|k| format!("{stem}{k}")).collect();
+        let forces = signals.strut_upper.iter().chain(&signals.strut_lower);
+        let strut_names: Vec<String> = topics::strut_names()
+            .into_iter()
+            .zip(forces)
+            .filter_map(|(name, force)| force.as_ref().map(|_| name))
+            .collect();
+        let has_links = signals.link_q.is_some() && signals.link_qd.is_some();
+        Ok(Self {
+            joints: bag.channel(topics::JOINTS, &messages::JOINT_STATE)?,
+            struts: bag.channel_if(!strut_names.is_empty(), topics::STRUT_FORCES, &messages::JOINT_STATE)?,
+            point: bag.channel_if(signals.ee.is_some(), topics::END_EFFECTOR, &messages::POINT)?,
+            acceleration: bag.channel_if(signals.qdd.is_some(), topics::ACCELERATION, &messages::TRAJECTORY)?,
+            margins: bag.channel_if(signals.socket_margin.is_some(), topics::SOCKET_MARGINS, &messages::JOINT_STATE)?,
+            multipliers: bag.channel_if(signals.multipliers.is_some(), topics::MULTIPLIERS, &messages::JOINT_STATE)?,
+            link: bag.channel_if(has_links, topics::LINKS, &messages::JOINT_STATE)?,
+            joint_names: names("axis"),
+            link_names: names("link"),
+            strut_names,
+            margin_names: check::margin_names(),
+            multiplier_names: multiplier_names().to_vec(),
         })
-    })
-}
+    }
 
-fn write_records<W: std::io::Write + std::io::Seek>(
-    out: W,
-    recording: &Recording,
-    zero: i64,
-    context: &Context,
-) -> mcap::McapResult<()> {
-    let signals = &recording.signals;
-    let mut bag = Bag::new(out, zero)?;
-    bag.metadata("setup", [("toml", setup::to_toml(&recording.setup))])?;
-    bag.metadata("run", [("zero_ns", zero.to_string())])?;
-    let machine = MECHANISMS.iter().find(|(_, m)| *m == signals.mechanism).map_or("", |(name, _)| name);
-    bag.metadata("machine", [("mechanism", machine.into())])?;
-    if !context.provenance.is_empty() {
-        bag.metadata("provenance", context.provenance.iter().map(|(k, v)| (k.as_str(), v.clone())))?;
-    }
-    for a in &context.attachments {
-        bag.writer.attach(&mcap::Attachment {
-            log_time: zero as u64,
-            create_time: zero as u64,
-            name: a.name.clone(),
-            media_type: a.media_type.clone(),
-            data: a.content.as_slice().into(),
-        })?;
-    }
-    let first = signals.t.first().copied().unwrap_or(0.0);
-    if let Some(urdf) = &context.description {
-        let id = bag.channel(topics::DESCRIPTION, &messages::STRING)?;
-        bag.message(id, bag.time(first), &messages::string(urdf))?;
-    }
-    samples(&mut bag, signals, context)?;
-    bag.writer.finish()?;
-    Ok(())
-}
-
-/// Writes the samples, with poses and events in order of time.
-fn samples<W: std::io::Write + std::io::Seek>(
-    bag: &mut Bag<W>,
-    signals: &Signals,
-    context: &Context,
-) -> mcap::McapResult<()> {
-    let axes = signals.mechanism.axes();
-    let joint_names: Vec<String> = (1..=axes).map(|k| format!("axis{k}")).collect();
-    let joints = bag.channel(topics::JOINTS, &messages::JOINT_STATE)?;
-    let (strut_names, strut_forces): (Vec<String>, Vec<&Vec<f64>>) = topics::strut_names()
-        .into_iter()
-        .zip(signals.strut_upper.iter().chain(&signals.strut_lower))
-        .filter_map(|(name, force)| Some((name, force.as_ref()?)))
-        .unzip();
-    let margin_names = check::margin_names();
-    let struts = bag.channel_if(!strut_names.is_empty(), topics::STRUT_FORCES, &messages::JOINT_STATE)?;
-    let point = bag.channel_if(signals.ee.is_some(), topics::END_EFFECTOR, &messages::POINT)?;
-    let acceleration = bag.channel_if(signals.qdd.is_some(), topics::ACCELERATION, &messages::TRAJECTORY)?;
-    let margins = bag.channel_if(signals.socket_margin.is_some(), topics::SOCKET_MARGINS, &messages::JOINT_STATE)?;
-    let multiplier_names = multiplier_names();
-    let multipliers = bag.channel_if(signals.multipliers.is_some(), topics::MULTIPLIERS, &messages::JOINT_STATE)?;
-    let link_names: Vec<String> = (1..=axes).map(|k| format!("link{k}")).collect();
-    let links = signals.link_q.as_ref().zip(signals.link_qd.as_ref());
-    let link = bag.channel_if(links.is_some(), topics::LINKS, &messages::JOINT_STATE)?;
-    let tf = bag.channel_if(!context.poses.is_empty(), topics::TF, &messages::TRANSFORMS)?;
-    let events = bag.channel_if(!context.events.is_empty(), topics::EVENTS, &messages::LOG)?;
-    let (mut poses, mut notes) = (context.poses.iter().peekable(), context.events.iter().peekable());
-    for i in 0..=signals.len() {
-        // Poses and events after the last sample are written at the end.
-        let until = signals.t.get(i).map_or(i64::MAX, |t| bag.time(*t));
-        while let (Some(id), Some(p)) = (tf, poses.next_if(|p| bag.time(p.t) <= until)) {
-            let time = bag.time(p.t);
-            let frames = p.frames.iter().map(|(name, pose)| (name.as_str(), *pose));
-            bag.message(id, time, &messages::transforms(time, topics::BASE, frames))?;
+    /// Writes sample `i`; the joint states come last: they complete a sample.
+    fn sample<W: Write + Seek>(
+        &self,
+        bag: &mut Bag<W>,
+        signals: &Signals,
+        i: usize,
+        time: i64,
+    ) -> mcap::McapResult<()> {
+        let axes = signals.mechanism.axes();
+        if let Some(id) = self.struts {
+            let forces = signals.strut_upper.iter().chain(&signals.strut_lower).flatten();
+            let forces: Vec<f64> = forces.map(|f| f[i]).collect();
+            bag.message(id, time, &messages::joint_state(time, &self.strut_names, [&[], &[], &forces]))?;
         }
-        while let (Some(id), Some(note)) = (events, notes.next_if(|n| bag.time(n.t) <= until)) {
-            let time = bag.time(note.t);
-            bag.message(id, time, &messages::log(time, severity(note.level), &note.text))?;
+        if let (Some(id), Some(ee)) = (self.point, &signals.ee) {
+            bag.message(id, time, &messages::point(time, topics::BASE, ee[i]))?;
         }
-        if i == signals.len() {
-            break;
+        if let (Some(id), Some(qdd)) = (self.acceleration, &signals.qdd) {
+            bag.message(id, time, &messages::accelerations(time, &self.joint_names, &qdd[i][..axes]))?;
         }
-        // The joint states come last: they complete a sample.
-        if let Some(id) = struts {
-            let forces: Vec<f64> = strut_forces.iter().map(|f| f[i]).collect();
-            bag.message(id, until, &JointState::encode(until, &strut_names, [&[], &[], &forces]))?;
+        if let (Some(id), Some(margin)) = (self.margins, &signals.socket_margin) {
+            bag.message(id, time, &messages::joint_state(time, &self.margin_names, [&[], &[], &margin[i]]))?;
         }
-        if let (Some(id), Some(ee)) = (point, &signals.ee) {
-            bag.message(id, until, &messages::point(until, topics::BASE, ee[i]))?;
+        if let (Some(id), Some(values)) = (self.multipliers, &signals.multipliers) {
+            bag.message(id, time, &messages::joint_state(time, &self.multiplier_names, [&[], &[], &values[i]]))?;
         }
-        if let (Some(id), Some(qdd)) = (acceleration, &signals.qdd) {
-            bag.message(id, until, &messages::accelerations(until, &joint_names, &qdd[i][..axes]))?;
-        }
-        if let (Some(id), Some(margin)) = (margins, &signals.socket_margin) {
-            let values: &[f64; 2 * STRUTS] = &margin[i];
-            bag.message(id, until, &JointState::encode(until, &margin_names, [&[], &[], values]))?;
-        }
-        if let (Some(id), Some(values)) = (multipliers, &signals.multipliers) {
-            bag.message(id, until, &JointState::encode(until, &multiplier_names, [&[], &[], &values[i]]))?;
-        }
-        if let (Some(id), Some((q, qd))) = (link, links) {
+        if let (Some(id), Some(q), Some(qd)) = (self.link, &signals.link_q, &signals.link_qd) {
             let state = [&q[i][..axes], &qd[i][..axes], &[]];
-            bag.message(id, until, &JointState::encode(until, &link_names, state))?;
+            bag.message(id, time, &messages::joint_state(time, &self.link_names, state))?;
         }
         let velocity = signals.qd.as_ref().map_or(&[][..], |qd| &qd[i][..axes]);
         let state = [&signals.q[i][..axes], velocity, &signals.tau[i][..axes]];
-        bag.message(joints, until, &JointState::encode(until, &joint_names, state))?;
+        bag.message(self.joints, time, &messages::joint_state(time, &self.joint_names, state))
     }
-    Ok(())
 }
 
 /// Level of `rcl_interfaces/msg/Log`.
@@ -150,25 +256,35 @@ fn severity(level: Level) -> u8 {
     }
 }
 
-/// An MCAP file being written, with one chunk per second.
-struct Bag<W: std::io::Write + std::io::Seek> {
+fn plain(error: mcap::McapError) -> std::io::Error {
+    match error {
+        mcap::McapError::Io(e) => e,
+        other => std::io::Error::other(other),
+    }
+}
+
+/// An MCAP file being written, with a chunk per second or [`CHUNK`], whichever ends first.
+struct Bag<W: Write + Seek> {
     writer: mcap::Writer<W>,
     /// Instant of t = 0, ns since 1970.
     zero: i64,
     second: Option<i64>,
+    /// Size of the messages in the chunk begun, bytes.
+    begun: usize,
     /// Number of messages so far per channel.
     sequence: BTreeMap<u16, u32>,
 }
 
-impl<W: std::io::Write + std::io::Seek> Bag<W> {
+impl<W: Write + Seek> Bag<W> {
     fn new(out: W, zero: i64) -> mcap::McapResult<Self> {
         let writer = mcap::WriteOptions::new()
             .profile("ros2")
             .library(concat!("deltatwin ", env!("CARGO_PKG_VERSION")))
             .compression(Some(mcap::Compression::Zstd))
-            .chunk_size(Some(256 * 1024))
+            .chunk_size(None)
+            .disable_seeking(true)
             .create(out)?;
-        Ok(Self { writer, zero, second: None, sequence: BTreeMap::new() })
+        Ok(Self { writer, zero, second: None, begun: 0, sequence: BTreeMap::new() })
     }
 
     fn metadata<'k>(&mut self, name: &str, pairs: impl IntoIterator<Item = (&'k str, String)>) -> mcap::McapResult<()> {
@@ -191,13 +307,20 @@ impl<W: std::io::Write + std::io::Seek> Bag<W> {
     }
 
     fn message(&mut self, channel_id: u16, time: i64, data: &[u8]) -> mcap::McapResult<()> {
-        if self.second.replace(time / SECOND).is_some_and(|s| s != time / SECOND) {
-            self.writer.flush()?;
+        let is_new_second = self.second.replace(time / SECOND).is_some_and(|s| s != time / SECOND);
+        if is_new_second || self.begun >= CHUNK {
+            self.end_chunk()?;
         }
+        self.begun += data.len();
         let sequence = self.sequence.entry(channel_id).or_default();
         let header =
             MessageHeader { channel_id, sequence: *sequence, log_time: time as u64, publish_time: time as u64 };
-        *sequence += 1;
+        *sequence = sequence.wrapping_add(1);
         self.writer.write_to_known_channel(&header, data)
+    }
+
+    fn end_chunk(&mut self) -> mcap::McapResult<()> {
+        self.begun = 0;
+        self.writer.flush()
     }
 }

@@ -2,75 +2,74 @@
 
 use std::ops::Range;
 
-use deltatwin::machine::AXES;
+use deltatwin::machine::{AXES, STRUTS};
 use deltatwin::recording::{Signals, multiplier_names};
 
 use super::names::margin_names;
 use super::{Column, Table};
 
 impl Table {
-    pub(super) fn into_signals(self, segments: Vec<Range<usize>>, warnings: &mut Vec<String>) -> Signals {
-        let n = self.t.len();
-        let axes = |stem: &str| {
-            let all: [_; AXES] = std::array::from_fn(|k| self.column(&format!("{stem}{}", k + 1)));
-            (0..n).map(|i| all.map(|c| c.map_or(0.0, |c| c[i]))).collect::<Vec<_>>()
-        };
-        let mut optional = |names: &[String]| {
+    /// The signals in the columns, of which each is freed as soon as it has been read.
+    pub(super) fn into_signals(mut self, segments: Vec<Range<usize>>, warnings: &mut Vec<String>) -> Signals {
+        let of_axes = |stem: &str| (1..=self.machine.axes()).map(|k| format!("{stem}{k}")).collect::<Vec<_>>();
+        let [q, tau, qd, qdd, link_q, link_qd] = ["q", "tau", "qd", "qdd", "link_q", "link_qd"].map(of_axes);
+        let ee = ["ee_x", "ee_y", "ee_z"].map(String::from);
+        let (margins, multipliers) = (margin_names(), multiplier_names());
+        let strut = |end: &'static str| std::array::from_fn(|s| format!("strut{}_{end}", s + 1));
+        let [upper, lower]: [[String; STRUTS]; 2] = ["upper", "lower"].map(strut);
+        for names in [&qd[..], &qdd, &ee, &margins, &multipliers, &link_q, &link_qd] {
             let missing: Vec<_> = names.iter().filter(|n| self.column(n).is_none()).collect();
             if !missing.is_empty() && missing.len() < names.len() {
                 let rest = names.iter().find(|n| !missing.contains(n));
                 let rest = rest.map_or("", String::as_str);
                 warnings.push(format!("`{rest}` ignored: it needs `{}` beside it", missing[0]));
             }
-            missing.is_empty()
-        };
-        let of_axes = |stem: &str| (1..=self.machine.axes()).map(|k| format!("{stem}{k}")).collect::<Vec<_>>();
-        let (has_qd, has_qdd) = (optional(&of_axes("qd")), optional(&of_axes("qdd")));
-        let ee_names = ["ee_x", "ee_y", "ee_z"];
-        let has_ee = optional(&ee_names.map(String::from));
-        let margin_names = margin_names();
-        let has_margins = optional(&margin_names);
-        let lambda_names = multiplier_names();
-        let has_multipliers = optional(&lambda_names);
-        let (has_link_q, has_link_qd) = (optional(&of_axes("link_q")), optional(&of_axes("link_qd")));
-        let strut = |s: usize, end: &str| self.column(&format!("strut{}_{end}", s + 1)).map(<[f64]>::to_vec);
-        let ee = has_ee.then(|| {
-            let all = ee_names.map(|name| self.column(name));
-            (0..n).map(|i| all.map(|c| c.map_or(0.0, |c| c[i]))).collect()
-        });
-        let margins = has_margins.then(|| {
-            let all = margin_names.each_ref().map(|name| self.column(name));
-            (0..n).map(|i| all.map(|c| c.map_or(0.0, |c| c[i]))).collect()
-        });
-        let multipliers = has_multipliers.then(|| {
-            let all = lambda_names.each_ref().map(|name| self.column(name));
-            (0..n).map(|i| all.map(|c| c.map_or(0.0, |c| c[i]))).collect()
-        });
+        }
+        let samples = self.t.len();
         Signals {
             start: None,
             mechanism: self.machine,
-            q: axes("q"),
-            tau: axes("tau"),
-            strut_upper: std::array::from_fn(|s| strut(s, "upper")),
-            strut_lower: std::array::from_fn(|s| strut(s, "lower")),
-            ee,
-            qd: has_qd.then(|| axes("qd")),
-            qdd: has_qdd.then(|| axes("qdd")),
-            socket_margin: margins,
-            multipliers,
-            link_q: has_link_q.then(|| axes("link_q")),
-            link_qd: has_link_qd.then(|| axes("link_qd")),
+            q: self.taken(&q).unwrap_or_else(|| vec![[0.0; AXES]; samples]),
+            tau: self.taken(&tau).unwrap_or_else(|| vec![[0.0; AXES]; samples]),
+            strut_upper: upper.map(|name| self.take(&name)),
+            strut_lower: lower.map(|name| self.take(&name)),
+            ee: self.taken(&ee),
+            qd: self.taken(&qd),
+            qdd: self.taken(&qdd),
+            socket_margin: self.taken(&margins),
+            multipliers: self.taken(&multipliers),
+            link_q: self.taken(&link_q),
+            link_qd: self.taken(&link_qd),
             segments,
-            t: self.t.clone(),
+            t: self.t,
         }
+    }
+
+    fn take(&mut self, name: &str) -> Option<Vec<f64>> {
+        let place = self.columns.iter().position(|c| c.name == name)?;
+        Some(self.columns.swap_remove(place).values)
+    }
+
+    /// The columns of these names side by side, zero beyond them; `None` unless all are there.
+    fn taken<const N: usize>(&mut self, names: &[String]) -> Option<Vec<[f64; N]>> {
+        if !names.iter().all(|name| self.column(name).is_some()) {
+            return None;
+        }
+        let mut out = vec![[0.0; N]; self.t.len()];
+        for (k, name) in names.iter().enumerate() {
+            for (row, value) in out.iter_mut().zip(self.take(name)?) {
+                row[k] = value;
+            }
+        }
+        Some(out)
     }
 }
 
-/// Columns of `signals` other than `t`.
+/// Columns of `signals` other than `t`; `before` is the number of samples before them, for the errors.
 ///
 /// # Errors
 /// A description of the first column whose length differs from that of `t`, or of the first value that is not finite.
-pub(in crate::recording) fn columns(signals: &Signals) -> Result<Vec<Column>, String> {
+pub(in crate::recording) fn columns(signals: &Signals, before: usize) -> Result<Vec<Column>, String> {
     let mut columns = Vec::new();
     for (stem, values) in [
         ("q", Some(&signals.q)),
@@ -119,7 +118,7 @@ pub(in crate::recording) fn columns(signals: &Signals) -> Result<Vec<Column>, St
     let t = Column { name: "t".into(), values: signals.t.clone() };
     for c in columns.iter().chain([&t]) {
         if let Some(i) = c.values.iter().position(|v| !v.is_finite()) {
-            return Err(format!("sample {} of `{}` is {}", i + 1, c.name, c.values[i]));
+            return Err(format!("sample {} of `{}` is {}", before + i + 1, c.name, c.values[i]));
         }
     }
     Ok(columns)

@@ -124,6 +124,12 @@ impl Layout {
         self.channels.iter().any(|(name, _)| name == channel)
     }
 
+    /// The channel that each of `columns` columns is read as; of several the first.
+    pub fn by_column(&self, columns: usize) -> Vec<Option<String>> {
+        let of = |i: usize| self.channels.iter().find(|(_, s)| s.column == i).map(|(name, _)| name.clone());
+        (0..columns).map(of).collect()
+    }
+
     /// Removes the channels for which `keep` is false.
     pub fn retain(&mut self, keep: impl Fn(&str) -> bool) {
         self.channels.retain(|(name, _)| keep(name));

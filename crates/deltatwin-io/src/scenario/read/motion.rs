@@ -18,6 +18,8 @@ use deltatwin::scenario::{Course, FourierMotion};
 /// Default share of the limits, which leaves room for feedback and model errors.
 const SHARE: f64 = 0.8;
 const HARMONICS: usize = 5;
+/// Largest number of harmonics of a given series; the check of a motion takes their square.
+const MOST_HARMONICS: usize = 400;
 /// Default path length of a rotation by 1 rad, m.
 const TURN_RADIUS: f64 = 0.1;
 /// Longest motion, s.
@@ -104,6 +106,10 @@ fn fourier(input: Input) -> Checked<Course> {
     let rows = |key: &str, rows: &[Spanned<Vec<f64>>]| rows.iter().map(|r| row(key, r)).collect::<Checked<Vec<_>>>();
     let (mut sine, mut cosine) = (rows("motion.sine", &keys.sine)?, rows("motion.cosine", &keys.cosine)?);
     let harmonics = sine.len().max(cosine.len());
+    if harmonics > MOST_HARMONICS {
+        let message = format!("[motion] has {harmonics} harmonics; expected at most {MOST_HARMONICS} rows each");
+        return Err(file.problem(input.span(), message));
+    }
     sine.resize(harmonics, [0.0; 4]);
     cosine.resize(harmonics, [0.0; 4]);
     let centre = row("motion.centre", &keys.centre)?;
@@ -229,6 +235,7 @@ fn table(input: Input) -> Checked<Course> {
         None => false,
     };
     let name = keys.file.get_ref();
+    file.may_name("motion.file", &keys.file, &input.folder.join(name))?;
     let table = super::super::table::read(&input.folder.join(name), moving)
         .map_err(|e| file.problem(keys.file.span(), format!("`motion.file` is \"{name}\": {e}")))?;
     Ok(Course::Table(table))

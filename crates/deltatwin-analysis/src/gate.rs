@@ -1,0 +1,125 @@
+//! The gate: whether recordings may be fitted.
+
+use serde_json::{Value, json};
+use thiserror::Error;
+
+use crate::data::Data;
+use deltatwin::dynamics::Channel;
+use deltatwin::gate::{Finding, combined, examine};
+use deltatwin::model::Model;
+use deltatwin::text::significant;
+
+/// Ratio of residual to noise above which a fit is no answer.
+const MUCH: f64 = 10.0;
+
+/// What the gate says about recordings.
+#[derive(Clone, Debug, Default)]
+pub struct Examined {
+    /// Findings about all recordings.
+    pub findings: Vec<Finding>,
+    /// Warnings about what can be fitted all the same.
+    pub warnings: Vec<String>,
+    /// Recordings that do not belong to the model, each with its findings and the remedy.
+    pub refused: Vec<String>,
+}
+
+/// Recordings that do not belong to the model.
+#[derive(Clone, Debug, Error)]
+#[error("{}\n  Nothing was fitted; --no-gate goes on all the same", .0.join("\n"))]
+pub struct Refusal(
+    /// What is wrong with each, and the remedy.
+    pub Vec<String>,
+);
+
+impl Examined {
+    /// Findings about all recordings of `data`.
+    pub fn of(model: &Model, data: &Data) -> Self {
+        let mut all = Self::default();
+        for dataset in data.datasets.iter().chain(&data.held_out) {
+            let found = examine(model, dataset);
+            if found.iter().any(|f| f.severe) {
+                let lines: Vec<String> = found.iter().map(|f| format!("\n  {}", line(f))).collect();
+                let remedy = match combined(&found) {
+                    Some(map) => format!("\n  remedy: {map}"),
+                    None => format!("\n  remedy: {}", found[0].remedy),
+                };
+                let what = format!("{}: does not fit the model {}", dataset.name, model.name);
+                all.refused.push(format!("{what}:{}{remedy}", lines.concat()));
+            } else {
+                let one = |f: &Finding| format!("{}: {}; remedy: {}", f.recording, line(f), f.remedy);
+                all.warnings.extend(found.iter().map(one));
+            }
+            all.findings.extend(found);
+        }
+        all
+    }
+
+    /// The findings and the warnings about them, among these the refused recordings if `no_gate`.
+    ///
+    /// # Errors
+    /// [`Refusal`] if a finding makes a fit meaningless, unless `no_gate`.
+    pub fn pass(self, no_gate: bool) -> Result<(Vec<Finding>, Vec<String>), Refusal> {
+        if !self.refused.is_empty() && !no_gate {
+            return Err(Refusal(self.refused));
+        }
+        Ok((self.findings, self.warnings.into_iter().chain(self.refused).collect()))
+    }
+}
+
+/// A finding with its numbers, as text.
+pub fn line(f: &Finding) -> String {
+    let mut text = f.sentence.clone();
+    let mut numbers = Vec::new();
+    if let Some(l) = &f.evidence.line {
+        numbers.push(format!("slope {} ± {}", significant(l.slope, 3), significant(l.slope_std, 1)));
+        numbers.push(format!("correlation {:.3}", l.correlation));
+    }
+    match (f.evidence.rms_before, f.evidence.rms_after) {
+        (Some(a), Some(b)) => numbers.push(format!("RMS {} → {}", significant(a, 3), significant(b, 3))),
+        (Some(a), None) => numbers.push(format!("RMS {}", significant(a, 3))),
+        (None, Some(b)) => numbers.push(format!("RMS with the remedy {}", significant(b, 3))),
+        (None, None) => {}
+    }
+    if !numbers.is_empty() {
+        text += &format!(" ({})", numbers.join(", "));
+    }
+    text
+}
+
+/// Findings as JSON.
+pub fn json(findings: &[Finding]) -> Value {
+    let entry = |f: &Finding| {
+        let e = &f.evidence;
+        json!({
+            "recording": f.recording,
+            "axis": f.axis.map(|i| i + 1),
+            "problem": f.problem.to_string(),
+            "severe": f.severe,
+            "evidence": {
+                "slope": e.line.map(|l| l.slope),
+                "slope_std": e.line.map(|l| l.slope_std),
+                "correlation": e.line.map(|l| l.correlation),
+                "value": e.value.map(|v| v.0),
+                "value_std": e.value.map(|v| v.1),
+                "rms_before": e.rms_before,
+                "rms_after": e.rms_after,
+                "sentence": f.sentence,
+            },
+            "remedy": f.remedy.to_string(),
+        })
+    };
+    findings.iter().map(entry).collect()
+}
+
+/// Warnings about channels whose residual exceeds ten times the noise.
+pub fn much_is_left(channels: &[Channel], rms: &[f64], noise_floor: &[f64]) -> Vec<String> {
+    let much = |c: &usize| rms[*c] > MUCH * noise_floor[*c] && noise_floor[*c] > 0.0;
+    let all = channels.len().min(rms.len()).min(noise_floor.len());
+    let left: Vec<String> =
+        (0..all).filter(much).map(|c| format!("{} ({:.0} times)", channels[c], rms[c] / noise_floor[c])).collect();
+    if left.is_empty() {
+        return Vec::new();
+    }
+    let what = "the fit leaves more than ten times the noise on";
+    vec![format!("{what} {}: the model does not describe this recording", left.join(", "))]
+}

@@ -1,0 +1,201 @@
+//! The whole loop: check, identify, compare, diagnose, add.
+
+use thiserror::Error;
+
+use crate::data::Data;
+use crate::gate::{Examined, Refusal};
+use crate::identify::Identification;
+use deltatwin::comparison::{Comparison, compare};
+use deltatwin::diagnosis::{Clock, Diagnosis, DiagnosisError, Options, diagnose_with};
+use deltatwin::gate::Finding;
+use deltatwin::identification::dataset::noise_floor;
+use deltatwin::identification::{Dataset, FitError, Residuals, fit};
+use deltatwin::model::Model;
+
+/// What a user decides about a run.
+#[derive(Clone, Copy)]
+pub struct Settings<'a> {
+    /// Effects (or `rigid_bodies`) whose parameters the diagnosis does not fit.
+    pub hold: &'a [String],
+    /// Share of the time that has passed; from 1 on the diagnosis gives its best answer so far, infinity stops.
+    pub clock: Clock<'a>,
+    /// Whether recordings that do not belong to the model are fitted all the same.
+    pub no_gate: bool,
+}
+
+impl Default for Settings<'_> {
+    /// Everything is fitted, without a time limit, and the gate refuses.
+    fn default() -> Self {
+        Self { hold: &[], clock: &|| 0.0, no_gate: false }
+    }
+}
+
+/// Stages of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Whether the recordings belong to the model.
+    Check,
+    /// Fit of the model as it is.
+    Identify,
+    /// Where the delivered and the fitted model fail.
+    Compare,
+    /// Which effect is missing, and the model with it.
+    Diagnose,
+}
+
+impl std::fmt::Display for Stage {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Self::Check => "check",
+            Self::Identify => "identify",
+            Self::Compare => "compare",
+            Self::Diagnose => "diagnose",
+        })
+    }
+}
+
+/// How far a run is.
+#[derive(Clone, Copy, Debug)]
+pub struct Step<'a> {
+    /// The stage that goes on.
+    pub stage: Stage,
+    /// Share of the run that is done, from experience with recordings of 20 s.
+    pub fraction: f64,
+    /// What the stage does; may be empty.
+    pub what: &'a str,
+}
+
+/// Results of a run.
+#[derive(Clone)]
+pub struct Analysis {
+    /// Findings of the gate.
+    pub gate: Vec<Finding>,
+    /// Warnings about data and results.
+    pub warnings: Vec<String>,
+    /// The delivered model and what was measured.
+    pub delivered: Comparison,
+    /// Fit of the delivered model.
+    pub identification: Identification,
+    /// The fitted model and what was measured.
+    pub identified: Comparison,
+    /// Diagnosis of the delivered model, whose numbers are the prior of every fit; its model has the effects added.
+    pub diagnosis: Diagnosis,
+}
+
+/// Reason why a run ends without results.
+#[derive(Debug, Error)]
+pub enum RunError {
+    /// The recordings do not belong to the model; nothing was fitted.
+    #[error(transparent)]
+    Refused(#[from] Refusal),
+    /// The model cannot follow a recording or be fitted to it.
+    #[error(transparent)]
+    Fit(#[from] FitError),
+    /// The diagnosis failed.
+    #[error(transparent)]
+    Diagnosis(#[from] DiagnosisError),
+    /// The clock has stopped the run.
+    #[error("stopped before anything was diagnosed")]
+    Stopped,
+}
+
+/// The loop on `model` and the recordings of `data`: the gate, a fit, comparisons of the delivered and the fitted model,
+/// and the diagnosis, which adds what it finds. `progress` is called at every step.
+///
+/// # Errors
+/// [`RunError::Refused`] before anything is fitted if a recording does not belong to the model; else why a stage failed,
+/// or that it was stopped.
+///
+/// # Panics
+/// If `data` has no recording.
+pub fn run(
+    model: &Model,
+    data: &Data,
+    settings: &Settings,
+    progress: &mut dyn FnMut(Step),
+) -> Result<Analysis, RunError> {
+    let mut step = |stage, fraction, what: &str| progress(Step { stage, fraction, what });
+    step(Stage::Check, 0.0, "");
+    let (gate, mut warnings) = Examined::of(model, data).pass(settings.no_gate)?;
+    step(Stage::Identify, 0.03, "");
+    let identification = identify(model, data)?;
+    stop(settings)?;
+    step(Stage::Compare, 0.12, "delivered");
+    let delivered = compare(model, &data.datasets, &data.held_out)?;
+    step(Stage::Compare, 0.16, "identified");
+    let identified = compare(&identification.fitted.model, &data.datasets, &data.held_out)?;
+    stop(settings)?;
+    let mut fraction = DIAGNOSIS;
+    step(Stage::Diagnose, fraction, "");
+    let options = Options { fixed: settings.hold, clock: settings.clock, ..Options::default() };
+    let diagnosis = diagnose_with(model, &data.datasets, &data.held_out, &options, &mut |what| {
+        fraction = ahead(fraction, what);
+        step(Stage::Diagnose, fraction, what);
+    })?;
+    warnings.extend(crate::gate::much_is_left(&diagnosis.channels, &diagnosis.rms_after, &diagnosis.noise_floor));
+    Ok(Analysis { gate, warnings, delivered, identification, identified, diagnosis })
+}
+
+/// Fit of `model` with the default options, and the errors that it leaves.
+///
+/// # Errors
+/// If the model cannot be fitted.
+///
+/// # Panics
+/// If `data` has no recording.
+pub fn identify(model: &Model, data: &Data) -> Result<Identification, FitError> {
+    let floor = noise_floor(model, &data.datasets);
+    let fitted = fit(model, &data.datasets, &vec![floor.clone(); data.datasets.len()])?;
+    let held_out_rms = held_out_rms(&fitted.model, &data.held_out)?;
+    Ok(Identification { fitted, channels: data.channels().to_vec(), noise_floor: floor, held_out_rms })
+}
+
+/// RMS residual on held-out recordings, N·m or N per channel; `None` without any.
+///
+/// # Errors
+/// If the model cannot follow a recording.
+pub fn held_out_rms(model: &Model, held_out: &[Dataset]) -> Result<Option<Vec<f64>>, FitError> {
+    if held_out.is_empty() {
+        return Ok(None);
+    }
+    Ok(Some(Residuals::new(model, held_out)?.rms))
+}
+
+fn stop(settings: &Settings) -> Result<(), RunError> {
+    if (settings.clock)() == f64::INFINITY { Err(RunError::Stopped) } else { Ok(()) }
+}
+
+/// Share of a run after which the diagnosis begins.
+const DIAGNOSIS: f64 = 0.2;
+
+/// Share of a run that is done when its diagnosis reports `what`; its refits come closer and closer to the confidence.
+pub fn ahead(now: f64, what: &str) -> f64 {
+    let at: f64 = match what {
+        "refit" => DIAGNOSIS,
+        "confidence" => 0.75,
+        "what is left" => 0.85,
+        "next experiment" => 0.92,
+        _ if now < 0.75 => now + 0.15 * (0.75 - now),
+        _ => now + 0.1 * (1.0 - now),
+    };
+    at.max(now)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_fraction_never_falls_and_never_ends_early() {
+        let mut now = DIAGNOSIS;
+        let many = std::iter::repeat_n("refit with a", 50);
+        for what in
+            ["refit", "evidence"].into_iter().chain(many).chain(["confidence", "what is left", "next experiment", "x"])
+        {
+            let next = ahead(now, what);
+            assert!(next >= now && next < 1.0, "{what}: {now} {next}");
+            now = next;
+        }
+        assert!(now > 0.9);
+    }
+}

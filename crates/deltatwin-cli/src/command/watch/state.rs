@@ -1,0 +1,211 @@
+//! What is known about the machine, told on the terminal and published.
+
+use serde_json::{Value, json};
+
+use super::Args;
+use super::cause::Finding;
+use super::source::Source;
+use crate::terminal::{command, say};
+use deltatwin::identification::residuals::rms;
+use deltatwin::machine::Setup;
+use deltatwin::model::Model;
+use deltatwin::monitoring::{Alarm, Healthy, Loads, Observation};
+use deltatwin::twin::sockets::socket_name;
+use deltatwin_watch::inbox::Counts;
+
+/// What is known.
+pub struct State<'a> {
+    args: &'a Args,
+    /// Whether the healthy residual is known.
+    watches: bool,
+    alarm: Option<Alarm>,
+    cause: Option<Value>,
+    /// Time of the last window, s.
+    t: f64,
+    windows: u64,
+    highest: f64,
+    weakest: Option<(usize, f64)>,
+    #[cfg(feature = "viewer")]
+    viewer: Option<deltatwin_rerun::watch::Broadcast>,
+}
+
+impl<'a> State<'a> {
+    /// Nothing is known, but what was `healthy` if that is.
+    pub fn new(args: &'a Args, model: &Model, setup: &Setup, healthy: Option<&Healthy>) -> Self {
+        #[cfg(not(feature = "viewer"))]
+        let _ = (model, setup);
+        Self {
+            args,
+            watches: healthy.is_some(),
+            alarm: None,
+            cause: None,
+            t: 0.0,
+            windows: 0,
+            highest: 0.0,
+            weakest: None,
+            #[cfg(feature = "viewer")]
+            viewer: args.viewer.viewer().and_then(|viewer| {
+                let opened = deltatwin_rerun::watch::Broadcast::open(&viewer, model, setup);
+                opened.inspect_err(|problem| args.viewer.refuse(problem)).ok()
+            }),
+        }
+    }
+
+    /// Tells what a window shows.
+    pub fn observed(
+        &mut self,
+        observation: &Observation,
+        healthy: Option<&Healthy>,
+        source: &Source,
+    ) -> miette::Result<()> {
+        let window = &observation.window;
+        self.t = window.t[1];
+        self.windows += 1;
+        let mut residual = json!({
+            "t": window.t,
+            "channels": window.dataset.channels.iter().map(ToString::to_string).collect::<Vec<_>>(),
+            "rms": window.residual.iter().map(|series| rms(series)).collect::<Vec<f64>>(),
+            "healthy_rms": healthy.map(|h| h.rms.clone()),
+        });
+        if let Some((statistic, level)) = observation.level {
+            residual["level"] = json!(level);
+            residual["statistic"] = json!(statistic.to_string());
+            self.highest = self.highest.max(level);
+        }
+        if let Some(learning) = observation.learning {
+            residual["learned"] = json!([learning.done, learning.needed]);
+        }
+        source.publish("residual", &residual)?;
+        #[cfg(feature = "viewer")]
+        if let Some(viewer) = &self.viewer {
+            viewer.observed(observation, healthy.map_or(&[], |h| &h.rms));
+        }
+        if let Some(loads) = &window.loads {
+            self.loads(loads, source)?;
+        }
+        if !self.watches
+            && let Some(healthy) = healthy
+        {
+            self.watches = true;
+            self.say(&format!("learned from {} s; {} charts watch from now on", healthy.windows, healthy.charts()))?;
+            self.publish(source)?;
+        }
+        if observation.is_new
+            && let Some(alarm) = observation.alarm
+        {
+            self.alarm = Some(alarm);
+            self.say(&format!("ALARM: {}; since about {:.1} s", alarm.statistic, alarm.onset))?;
+            self.publish(source)?;
+        } else if self.windows == 1 {
+            self.publish(source)?;
+        }
+        Ok(())
+    }
+
+    fn loads(&mut self, loads: &Loads, source: &Source) -> miette::Result<()> {
+        let weakest = loads.margin.iter().copied().enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
+        if let Some((socket, margin)) = weakest
+            && self.weakest.is_none_or(|(_, least)| margin < least)
+        {
+            self.weakest = Some((socket, margin));
+        }
+        let name = weakest.map(|(socket, margin)| json!({ "socket": socket_name(socket), "margin": margin }));
+        let margins = json!({
+            "t": self.t,
+            "strut_upper": loads.strut_upper,
+            "strut_lower": loads.strut_lower,
+            "margin": loads.margin,
+            "weakest": name,
+        });
+        source.publish("margins", &margins)
+    }
+
+    /// Tells the cause so far.
+    pub fn found(&mut self, finding: Finding, source: &Source) -> miette::Result<()> {
+        let known = finding.to_json();
+        if self.cause.as_ref() != Some(&known) {
+            let [from, to] = finding.data;
+            self.say(&format!("cause so far, from {from:.1} to {to:.1} s:"))?;
+            for line in finding.lines() {
+                #[cfg(feature = "viewer")]
+                if let Some(viewer) = &self.viewer {
+                    viewer.say(self.t, &line, true);
+                }
+                if !self.args.json {
+                    say(crate::terminal::hanging(&line, "      ", "        "))?;
+                }
+            }
+        }
+        self.cause = Some(known);
+        self.publish(source)
+    }
+
+    /// The verdict as JSON.
+    fn verdict(&self) -> Value {
+        let state = match (self.watches, self.alarm) {
+            (_, Some(_)) => "changed",
+            (true, None) => "healthy",
+            (false, None) => "learning",
+        };
+        let alarm = self.alarm.map(|a| json!({ "t": a.t, "onset": a.onset, "statistic": a.statistic.to_string() }));
+        json!({
+            "state": state,
+            "t": self.t,
+            "alarm": alarm,
+            "cause": self.cause,
+            "highest_level": self.highest,
+            "false_alarms_per_hour": self.args.false_alarms,
+            "weakest_socket": self.weakest.map(|(s, margin)| json!({ "socket": socket_name(s), "margin": margin })),
+        })
+    }
+
+    fn publish(&self, source: &Source) -> miette::Result<()> {
+        source.publish("verdict", &self.verdict())
+    }
+
+    /// Tells the final verdict.
+    pub fn end(&self, counts: Counts, impossible: u64, source: &Source) -> miette::Result<()> {
+        let mut verdict = self.verdict();
+        verdict["samples"] = json!({
+            "taken": counts.taken, "doubled": counts.doubled, "missing": counts.missing, "astray": counts.astray,
+            "clock_restarts": counts.restarts, "unusable_messages": source.faults(), "impossible_windows": impossible,
+        });
+        verdict["windows"] = json!(self.windows);
+        verdict["recording"] = self.args.output.as_deref().map_or(Value::Null, crate::terminal::path);
+        source.publish("verdict", &verdict)?;
+        if self.args.json {
+            return say(verdict);
+        }
+        let state = verdict["state"].as_str().unwrap_or_default();
+        say(format!(
+            "\n{state} after {:.1} s: {} samples, {} missing, {} doubled or late, {} astray, {} unusable messages",
+            self.t,
+            counts.taken,
+            counts.missing,
+            counts.doubled,
+            counts.astray,
+            source.faults()
+        ))?;
+        if let Some((socket, margin)) = self.weakest {
+            say(format!("  least margin {margin:.1} N, at socket {}", socket_name(socket)))?;
+        }
+        if state == "learning" {
+            say("  Not enough to learn from: shorten --learn, or give a recording with --healthy")?;
+        }
+        if let Some(output) = &self.args.output {
+            say(format!("  Wrote {}", output.display()))?;
+            let model = self.args.model.display().to_string();
+            let words = ["deltatwin", "compare", &model, &output.display().to_string()].map(String::from);
+            say(format!("  Next:\n{}", command(&words, 4)))?;
+        }
+        Ok(())
+    }
+
+    fn say(&self, what: &str) -> miette::Result<()> {
+        #[cfg(feature = "viewer")]
+        if let Some(viewer) = &self.viewer {
+            viewer.say(self.t, what, self.alarm.is_some());
+        }
+        if self.args.json { Ok(()) } else { say(format!("{:9.1} s  {what}", self.t)) }
+    }
+}

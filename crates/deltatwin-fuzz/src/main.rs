@@ -1,0 +1,236 @@
+//! Mutates shipped files and command lines, and counts what did not end with an answer or a refusal.
+//!
+//! Mutations are structured (numbers, lines, lengths, stretches of other files) and repeat for a seed; nothing guides
+//! them to new code. Every finding is kept as a file; those that were mended are in `tests/files/corpus`.
+
+mod command;
+mod mutation;
+mod target;
+
+use std::collections::BTreeMap;
+use std::panic::catch_unwind;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use clap::Parser;
+use rand::SeedableRng;
+use rand::seq::IndexedRandom;
+use rand_chacha::ChaCha8Rng;
+
+use self::command::End;
+use self::target::{TARGETS, Target, seeds};
+
+/// Longest time of one input, s.
+const LONGEST: u64 = 10;
+
+/// Mutated inputs for the readers of deltatwin, and mutated command lines.
+#[derive(Parser)]
+struct Args {
+    /// Inputs for each reader.
+    #[arg(long, default_value_t = 1000)]
+    inputs: u64,
+    /// Command lines, with --program.
+    #[arg(long, default_value_t = 0)]
+    commands: u64,
+    /// The program.
+    #[arg(long)]
+    program: Option<PathBuf>,
+    /// Only this reader.
+    #[arg(long)]
+    target: Option<String>,
+    /// Seed of the mutations.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Folder of the project, with its models and scenarios.
+    #[arg(long, default_value = ".")]
+    root: PathBuf,
+    /// Folder for the findings.
+    #[arg(long, default_value = "findings")]
+    findings: PathBuf,
+}
+
+fn main() -> ExitCode {
+    match run(&Args::parse()) {
+        Ok(0) => ExitCode::SUCCESS,
+        Ok(_) => ExitCode::FAILURE,
+        Err(e) => {
+            eprintln!("{e}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn run(args: &Args) -> std::io::Result<u64> {
+    let root = args.root.canonicalize()?;
+    let folder = tempfile::tempdir()?;
+    let seed_files = prepared(&root, folder.path())?;
+    let mut found = 0;
+    watch();
+    for target in TARGETS.iter().filter(|t| args.target.as_ref().is_none_or(|name| name == t.name)) {
+        let (tried, bad) = readers(target, args, folder.path(), &seed_files)?;
+        println!("{:<9} {tried:>7} inputs, {bad} findings", target.name);
+        found += bad;
+    }
+    if let Some(program) = args.program.as_ref().filter(|_| args.commands > 0) {
+        let ends = commands(&program.canonicalize()?, args, folder.path(), &seed_files)?;
+        let count = |end: End| ends.get(&format!("{end:?}")).copied().unwrap_or(0);
+        println!(
+            "commands  {:>7} tried, {} panics, {} aborts, {} hangs, {} nonsense",
+            args.commands,
+            count(End::Panic),
+            count(End::Abort),
+            count(End::Hang),
+            count(End::Nonsense)
+        );
+        found += args.commands - count(End::Sound);
+    }
+    Ok(found)
+}
+
+/// Files that a run needs and those that it mutates: a copy of models and scenarios, and a short recording.
+fn prepared(root: &Path, folder: &Path) -> std::io::Result<BTreeMap<String, Vec<u8>>> {
+    let mut files = BTreeMap::new();
+    for place in ["models", "scenarios", "scenarios/studies", "scenarios/failures", "scenarios/tables"] {
+        std::fs::create_dir_all(folder.join(place))?;
+        for entry in std::fs::read_dir(root.join(place))? {
+            let path = entry?.path();
+            if path.is_file() {
+                let name = format!("{place}/{}", path.file_name().unwrap_or_default().to_string_lossy());
+                let mut bytes = std::fs::read(&path)?;
+                if place == "scenarios" {
+                    bytes = shortened(bytes);
+                }
+                std::fs::write(folder.join(&name), &bytes)?;
+                files.insert(name, bytes);
+            }
+        }
+    }
+    files.insert("run.setup.toml".into(), target::made("setup").unwrap_or_default().swap_remove(0));
+    for name in ["run.csv", "run.mcap"] {
+        let file = folder.join(name);
+        deltatwin_io::recording::write(&recording(), &file).map_err(std::io::Error::other)?;
+        files.insert(name.into(), std::fs::read(&file)?);
+    }
+    Ok(files)
+}
+
+/// The scenario with a run of half a second at most.
+fn shortened(bytes: Vec<u8>) -> Vec<u8> {
+    let text = String::from_utf8_lossy(&bytes);
+    let line = |line: &str| if line.starts_with("duration") { "duration = 0.4".to_string() } else { line.to_string() };
+    text.lines().map(line).collect::<Vec<_>>().join("\n").into_bytes()
+}
+
+/// Half a second of the robot.
+fn recording() -> deltatwin::recording::Recording {
+    let t: Vec<f64> = (0..600).map(|i| f64::from(i * 4) / 1e4).collect();
+    let axes = |f: &dyn Fn(f64, f64) -> f64| t.iter().map(|t| std::array::from_fn(|k| f(k as f64, *t))).collect();
+    let signals = deltatwin::recording::Signals {
+        q: axes(&|k, t| 0.4 + 0.2 * ((20.0 + k) * t).sin()),
+        tau: axes(&|k, t| 20.0 * ((20.0 + k) * t).cos() + (1e4 * t).sin()),
+        t,
+        ..Default::default()
+    };
+    deltatwin::recording::Recording { name: "run".into(), signals, ..Default::default() }
+}
+
+/// Instant at which the present input began, ms since the start; zero between inputs.
+static BEGAN: AtomicU64 = AtomicU64::new(0);
+
+/// Ends the program if an input takes too long: its file is then the last one in the folder of findings.
+fn watch() {
+    let start = Instant::now();
+    std::thread::spawn(move || {
+        let mut since = (0, start);
+        loop {
+            std::thread::sleep(Duration::from_millis(200));
+            let input = BEGAN.load(Ordering::Relaxed);
+            if input != since.0 {
+                since = (input, Instant::now());
+            } else if input != 0 && since.1.elapsed() > Duration::from_secs(LONGEST) {
+                eprintln!("input {input} takes longer than {LONGEST} s: see `present` in the folder of findings");
+                std::process::exit(1);
+            }
+        }
+    });
+}
+
+/// Number of inputs for a reader, and of those that it did not survive.
+fn readers(
+    target: &Target,
+    args: &Args,
+    folder: &Path,
+    made: &BTreeMap<String, Vec<u8>>,
+) -> std::io::Result<(u64, u64)> {
+    let mut corpus: Vec<Vec<u8>> = target.seeds.iter().flat_map(|name| seeds(&args.root, name)).collect();
+    corpus.extend(made.get(target.file).cloned());
+    let mut random = ChaCha8Rng::seed_from_u64(args.seed);
+    let file = folder.join(target.file);
+    let mut bad = 0;
+    std::panic::set_hook(Box::new(|_| {}));
+    for k in 0..args.inputs {
+        let (Some(seed), Some(other)) = (corpus.choose(&mut random), corpus.choose(&mut random)) else { break };
+        let input = mutation::mutated(seed, other, &mut random);
+        std::fs::write(&file, &input)?;
+        BEGAN.store(k + 1, Ordering::Relaxed);
+        let start = Instant::now();
+        let ended = catch_unwind(|| (target.read)(&file));
+        let slow = start.elapsed() > Duration::from_secs(LONGEST);
+        BEGAN.store(0, Ordering::Relaxed);
+        if ended.is_err() || slow {
+            bad += 1;
+            std::fs::create_dir_all(&args.findings)?;
+            let extension = file.extension().unwrap_or_default().to_string_lossy();
+            let name = format!("{}-{k}-{}.{extension}", target.name, if slow { "slow" } else { "panic" });
+            std::fs::write(args.findings.join(name), &input)?;
+        }
+    }
+    let _ = std::panic::take_hook();
+    match made.get(target.file) {
+        Some(bytes) => std::fs::write(&file, bytes)?,
+        None => std::fs::remove_file(&file)?,
+    }
+    Ok((args.inputs, bad))
+}
+
+/// Number of command lines by the way in which they ended.
+fn commands(
+    program: &Path,
+    args: &Args,
+    folder: &Path,
+    files: &BTreeMap<String, Vec<u8>>,
+) -> std::io::Result<BTreeMap<String, u64>> {
+    let mut random = ChaCha8Rng::seed_from_u64(args.seed);
+    let names: Vec<&String> = files.keys().collect();
+    let mut ends = BTreeMap::new();
+    for k in 0..args.commands {
+        let line = command::line(&mut random);
+        // Mostly a file that the command reads; sometimes none is touched.
+        let read: Vec<&String> = names.iter().filter(|name| line.contains(name)).copied().collect();
+        let mutated = read.choose(&mut random).copied().filter(|_| k % 10 != 0);
+        if let Some(name) = mutated {
+            let other = names.choose(&mut random).map_or(&files[name], |other| &files[*other]);
+            std::fs::write(folder.join(name), mutation::mutated(&files[name], other, &mut random))?;
+        }
+        let end = command::run(program, folder, &line, Duration::from_secs(LONGEST))?;
+        if end != End::Sound {
+            let kept = args.findings.join(format!("command-{}-{k}-{end:?}", args.seed));
+            std::fs::create_dir_all(&kept)?;
+            std::fs::write(kept.join("line.txt"), line.join(" "))?;
+            let _ = std::fs::copy(folder.join("stderr"), kept.join("stderr"));
+            if let Some(name) = mutated {
+                std::fs::copy(folder.join(name), kept.join(name.replace('/', "-")))?;
+            }
+        }
+        *ends.entry(format!("{end:?}")).or_default() += 1;
+        if let Some(name) = mutated {
+            std::fs::write(folder.join(name), &files[name])?;
+        }
+        for out in ["out.csv", "out.mcap", "out.toml", "imported.csv", "out.setup.toml"] {
+            let _ = std::fs::remove_file(folder.join(out));
+        }
+    }
+    Ok(ends)
+}

@@ -1,0 +1,514 @@
+// Curves of a page: unpacks the signals in it and draws them with uPlot. Texts are set as text only, never as HTML.
+"use strict";
+var deltatwin = (() => {
+  const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const STAGE = (s, n) => css(s === 0 ? "--s0" : s === n - 1 ? "--s2" : "--s1");
+  // Time over which curves are averaged on request, s.
+  const AVERAGE = 0.02;
+
+  function element(parent, tag, attributes = {}, text) {
+    const e = document.createElement(tag);
+    for (const [key, value] of Object.entries(attributes)) e.setAttribute(key, value);
+    if (text !== undefined) e.textContent = text;
+    parent.append(e);
+    return e;
+  }
+
+  const digits = x => x === null || x === undefined || !isFinite(x) ? "–"
+    : x === 0 ? "0" : Math.abs(x) >= 1e5 || Math.abs(x) < 1e-3 ? x.toExponential(2) : String(+x.toPrecision(4));
+
+  // ---- the data ------------------------------------------------------------------------------------------------------
+
+  async function inflate(text) {
+    const binary = atob(text.trim());
+    const bytes = new Uint8Array(binary.length);
+    for (let k = 0; k < bytes.length; k++) bytes[k] = binary.charCodeAt(k);
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+    return new Uint8Array(await new Response(stream).arrayBuffer());
+  }
+
+  // Differences of zigzag numbers of sixteen bits in two byte planes, see `signals/pack.rs`.
+  function series(bytes, n, place) {
+    const values = new Int16Array(n);
+    for (let k = 0; k < n; k++) {
+      const z = bytes[place.at + k] | bytes[place.at + n + k] << 8;
+      values[k] = (z >>> 1) ^ -(z & 1);
+    }
+    for (let pass = 0; pass < place.order; pass++) for (let k = 1; k < n; k++) values[k] += values[k - 1];
+    const out = new Float32Array(n);
+    for (let k = 0; k < n; k++) out[k] = values[k] * place.step;
+    return out;
+  }
+
+  function times(bytes, n, place) {
+    const values = new Int32Array(n);
+    for (let k = 0; k < n; k++) {
+      const at = place.at + k;
+      values[k] = bytes[at] | bytes[at + n] << 8 | bytes[at + 2 * n] << 16 | bytes[at + 3 * n] << 24;
+    }
+    for (let pass = 0; pass < 2; pass++) for (let k = 1; k < n; k++) values[k] = (values[k] + values[k - 1]) | 0;
+    const out = new Float64Array(n);
+    for (let k = 0; k < n; k++) out[k] = place.first + values[k] * place.step;
+    return out;
+  }
+
+  // Smallest and largest values of 2, 4, 8, … samples: a view is drawn from the coarsest level that fills its pixels, so
+  // that no peak is lost, and from the samples themselves when they are far enough apart.
+  function pyramid(samples) {
+    const levels = [{ low: samples, high: samples, size: 1 }];
+    for (let last = levels[0]; last.low.length > 512; last = levels[levels.length - 1]) {
+      const n = Math.ceil(last.low.length / 2);
+      const low = new Float32Array(n), high = new Float32Array(n);
+      for (let k = 0; k < n; k++) {
+        const a = 2 * k, b = Math.min(a + 1, last.low.length - 1);
+        low[k] = Math.min(last.low[a], last.low[b]);
+        high[k] = Math.max(last.high[a], last.high[b]);
+      }
+      levels.push({ low, high, size: 2 * last.size });
+    }
+    return levels;
+  }
+
+  // Means over `width` samples around each, that do not reach across a break.
+  function averaged(samples, width, breaks) {
+    const n = samples.length, out = new Float32Array(n), half = width >> 1;
+    const ends = [0, ...breaks, n];
+    for (let e = 0; e + 1 < ends.length; e++) {
+      const [a, b] = [ends[e], ends[e + 1]], sums = new Float64Array(b - a + 1);
+      for (let k = a; k < b; k++) sums[k - a + 1] = sums[k - a] + samples[k];
+      for (let k = a; k < b; k++) {
+        const from = Math.max(a, k - half), to = Math.min(b, k + half + 1);
+        out[k] = (sums[to - a] - sums[from - a]) / (to - from);
+      }
+    }
+    return out;
+  }
+
+  function below(t, x) {
+    let low = 0, high = t.length;
+    while (low < high) { const m = (low + high) >> 1; if (t[m] < x) low = m + 1; else high = m; }
+    return low;
+  }
+
+  // Columns for uPlot of several pyramids over a window of time.
+  function view(t, breaks, pyramids, from, to, width) {
+    const first = Math.max(0, below(t, from) - 1), last = Math.min(t.length - 1, below(t, to) + 1);
+    const count = last - first + 1;
+    let level = 0;
+    while (level + 1 < pyramids[0].length && count / (1 << level) > 2 * width) level++;
+    const size = 1 << level, a = Math.floor(first / size), b = Math.floor(last / size);
+    const gap = new Set(breaks.map(k => Math.floor(k / size)));
+    const x = [], columns = pyramids.map(() => []);
+    for (let k = a; k <= b; k++) {
+      if (gap.has(k)) { x.push(t[k * size]); for (const c of columns) c.push(null); }
+      const end = Math.min((k + 1) * size, t.length) - 1;
+      x.push(t[k * size]);
+      pyramids.forEach((p, i) => columns[i].push(p[level].low[k]));
+      if (size > 1 && end > k * size) {
+        x.push(t[end]);
+        pyramids.forEach((p, i) => columns[i].push(p[level].high[k]));
+      }
+    }
+    return [x, ...columns];
+  }
+
+  // ---- charts --------------------------------------------------------------------------------------------------------
+
+  const axis = (label, size) => ({
+    stroke: () => css("--quiet"), grid: { stroke: () => css("--grid"), width: 1 }, ticks: { stroke: () => css("--grid"), width: 1 },
+    font: "11px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif", label, labelSize: label ? 18 : 0, size,
+  });
+
+  function band(noise) {
+    return u => {
+      const { ctx, bbox } = u, y = v => u.valToPos(v, "y", true);
+      ctx.save();
+      ctx.beginPath();
+      ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+      ctx.clip();
+      ctx.fillStyle = css("--band");
+      for (const k of [1, 2]) ctx.fillRect(bbox.left, y(k * noise), bbox.width, y(-k * noise) - y(k * noise));
+      ctx.restore();
+    };
+  }
+
+  function chart(parent, options, data) {
+    const box = element(parent, "div");
+    const width = () => Math.max(240, box.clientWidth || parent.clientWidth || 600);
+    const u = new uPlot({ width: width(), height: 180, legend: { show: false }, ...options }, data, box);
+    return { u, box, width };
+  }
+
+  class Signals {
+    constructor(section, header, bytes) {
+      this.section = section;
+      this.header = header;
+      const n = header.samples;
+      this.t = times(bytes, n, header.time);
+      this.channels = header.channels.map(c => {
+        const measured = series(bytes, n, c.measured);
+        const models = c.models.map(m => series(bytes, n, m));
+        const left = models.map(m => { const r = new Float32Array(n); for (let k = 0; k < n; k++) r[k] = measured[k] - m[k]; return r; });
+        return { ...c, pyramids: { measured: pyramid(measured), models: models.map(pyramid), left: left.map(pyramid) } };
+      });
+      const steps = [];
+      for (let k = 1; k < Math.min(n, 200); k++) steps.push(this.t[k] - this.t[k - 1]);
+      const dt = steps.sort((a, b) => a - b)[steps.length >> 1] || 1;
+      this.samples = 2 * Math.max(1, Math.round(AVERAGE / dt / 2)) + 1;
+      for (const c of this.channels)
+        c.pyramids.average = c.pyramids.left.map(p => pyramid(averaged(p[0].low, this.samples, header.breaks)));
+      this.average = true;
+      this.rates = header.rates.map(r => ({ ...r, pyramid: pyramid(series(bytes, n, r.series)) }));
+      this.stages = header.stages;
+      this.shown = this.stages.map(() => true);
+      this.whole = [this.t[0] || 0, this.t[n - 1] || 1];
+      this.window = [...this.whole];
+      // The first chart shows the channel with most left, in noise floors; many channels are shown on request.
+      const ratio = c => c.noise > 0 ? c.rms[Math.min(1, c.rms.length - 1)] / c.noise : 0;
+      const order = this.channels.map((c, k) => k).sort((a, b) => ratio(this.channels[b]) - ratio(this.channels[a]));
+      this.visible = this.channels.map((_, k) => order.indexOf(k) < 6);
+      this.torques = false;
+      this.worst = order[0] || 0;
+      this.charts = [];
+      this.build();
+    }
+
+    // -- frame and buttons
+    build() {
+      const panels = this.section.querySelector(".signals-panels");
+      panels.replaceChildren();
+      const tools = element(panels, "div", { class: "tools", role: "toolbar", "aria-label": "curves" });
+      this.stages.forEach((name, s) => {
+        const b = this.toggle(tools, name, () => this.shown[s], on => { this.shown[s] = on; this.stageChanged(); });
+        const i = document.createElement("i");
+        i.style.background = `var(${s === 0 ? "--s0" : s === this.stages.length - 1 ? "--s2" : "--s1"})`;
+        b.prepend(i);
+      });
+      this.toggle(tools, `mean of ${(1e3 * AVERAGE).toFixed(0)} ms`, () => this.average, on => { this.average = on; this.rebuild(); });
+      this.toggle(tools, "measured and model", () => this.torques, on => { this.torques = on; this.rebuild(); });
+      element(tools, "span", { class: "gap" });
+      for (const [text, label, act] of [["◀", "earlier", () => this.pan(-.25)], ["▶", "later", () => this.pan(.25)],
+        ["+", "closer", () => this.zoom(.5)], ["−", "wider", () => this.zoom(2)], ["all", "whole recording", () => this.show(...this.whole)]])
+        element(tools, "button", { type: "button", "aria-label": label, title: label }, text).onclick = act;
+      if (this.channels.length > 1) {
+        const choice = element(panels, "div", { class: "choice", role: "group", "aria-label": "channels" });
+        this.channels.forEach((c, k) => this.toggle(choice, c.name, () => this.visible[k], on => { this.visible[k] = on; this.rebuild(); }));
+      }
+      this.over = element(panels, "div", { class: "plot overview" });
+      this.time = element(panels, "div");
+      element(panels, "p", { class: "small" },
+        "Drag across a chart or the strip above to zoom all of them, double-click for the whole recording; wheel with Ctrl zooms. Keys in a chart: ← → + − 0. Grey: one and two standard deviations of the noise; of a mean, of white noise.");
+      this.overview();
+      this.rebuild();
+      if (this.header.places.length) this.placesPanel(panels);
+      if (this.header.maps) this.mapsPanel(panels);
+    }
+
+    toggle(parent, text, get, set) {
+      const b = element(parent, "button", { type: "button", "aria-pressed": get() }, text);
+      b.onclick = () => { set(!get()); b.setAttribute("aria-pressed", get()); };
+      return b;
+    }
+
+    stageChanged() {
+      for (const c of this.charts) if (c.stages) this.shown.forEach((on, s) => c.u.setSeries(c.stages + s, { show: on }));
+      this.drawPlaces?.();
+    }
+
+    // -- the strip with the whole recording
+    overview() {
+      const c = this.channels[this.worst];
+      element(this.over, "h4", {}, `whole recording: ${c.name}`);
+      const n = this.stages.length, colors = this.stages.map((_, s) => () => STAGE(s, n));
+      const data = width => view(this.t, this.header.breaks, c.pyramids.average, ...this.whole, width);
+      const made = chart(this.over, {
+        height: 74, cursor: { show: false }, scales: { x: { time: false }, y: { range: symmetric } },
+        axes: [axis(undefined, 26), { ...axis(undefined, 56), splits: () => [0] }],
+        series: [{}, ...colors.map(stroke => ({ stroke, width: 1, points: { show: false } }))],
+        hooks: { draw: [u => this.marked(u)] },
+      }, data(800));
+      this.strip = { ...made, data };
+      const at = e => made.u.posToVal(e.clientX - made.u.over.getBoundingClientRect().left, "x");
+      let from = null;
+      made.u.over.addEventListener("pointerdown", e => { from = at(e); made.u.over.setPointerCapture(e.pointerId); });
+      made.u.over.addEventListener("pointermove", e => { if (from !== null) this.show(Math.min(from, at(e)), Math.max(from, at(e))); });
+      made.u.over.addEventListener("pointerup", e => { if (from !== null && Math.abs(at(e) - from) < 1e-3 * (this.whole[1] - this.whole[0])) this.show(...this.whole); from = null; });
+    }
+
+    marked(u) {
+      const [a, b] = this.window.map(x => u.valToPos(x, "x", true)), { left, top, width, height } = u.bbox;
+      if (this.window[0] <= this.whole[0] && this.window[1] >= this.whole[1]) return;
+      u.ctx.save();
+      u.ctx.fillStyle = css("--paper");
+      u.ctx.globalAlpha = .72;
+      u.ctx.fillRect(left, top, a - left, height);
+      u.ctx.fillRect(b, top, left + width - b, height);
+      u.ctx.globalAlpha = 1;
+      u.ctx.strokeStyle = css("--text");
+      u.ctx.strokeRect(a, top + 1, b - a, height - 2);
+      u.ctx.restore();
+    }
+
+    // -- charts over time
+    rebuild() {
+      for (const c of this.charts) c.u.destroy();
+      this.charts = [];
+      this.time.replaceChildren();
+      const n = this.stages.length;
+      this.channels.forEach((c, k) => {
+        if (!this.visible[k]) return;
+        const plot = element(this.time, "div", { class: "plot", tabindex: "0", role: "img", "aria-label": `residual of ${c.name} over time` });
+        const title = element(plot, "h4", {}, `${c.name}: measured − model`);
+        const noise = this.average ? c.noise / Math.sqrt(this.samples) : c.noise;
+        const mean = this.average ? `, of the mean ${digits(noise)}` : "";
+        const value = element(title, "small", {}, `noise ${digits(c.noise)} ${c.unit}${mean}`);
+        const series = this.stages.map((name, s) => ({ stroke: () => STAGE(s, n), width: 1, show: this.shown[s], points: { show: false } }));
+        this.add(plot, value, c, this.average ? c.pyramids.average : c.pyramids.left, { series: [{}, ...series], hooks: noise > 0 ? { drawAxes: [band(noise)] } : {}, scales: { y: { range: symmetric } } },
+          `residual / ${c.unit}`, 1);
+        if (this.torques) {
+          const both = element(this.time, "div", { class: "plot", tabindex: "0", role: "img", "aria-label": `${c.name}, measured and model` });
+          const head = element(both, "h4", {}, `${c.name}: measured, and ${this.stages[n - 1]}`);
+          this.add(both, element(head, "small"), c, [c.pyramids.measured, c.pyramids.models[n - 1]], {
+            series: [{}, { stroke: () => css("--measured"), width: 1, points: { show: false } }, { stroke: () => STAGE(n - 1, n), width: 1, points: { show: false } }],
+          }, c.unit, 0);
+        }
+      });
+      if (this.rates.length) {
+        const plot = element(this.time, "div", { class: "plot", tabindex: "0", role: "img", "aria-label": "joint speeds over time" });
+        const head = element(plot, "h4", {}, `motion: ${this.rates.map(r => r.name).join(", ")}`);
+        const palette = ["--s1", "--s0", "--s2", "--measured"];
+        this.add(plot, element(head, "small"), { unit: this.rates[0].unit, names: this.rates.map(r => r.name) }, this.rates.map(r => r.pyramid), {
+          height: 120, series: [{}, ...this.rates.map((_, i) => ({ stroke: () => css(palette[i % 4]), width: 1, points: { show: false } }))],
+        }, `q̇ / ${this.rates[0].unit}`, 0);
+      }
+    }
+
+    add(plot, value, channel, pyramids, options, label, stages) {
+      const data = width => view(this.t, this.header.breaks, pyramids, ...this.window, width);
+      const still = value.textContent;
+      const made = chart(plot, {
+        ...options,
+        scales: { x: { time: false, range: () => this.window }, ...options.scales },
+        axes: [axis(undefined, 28), axis(label, 62)],
+        cursor: { sync: { key: "deltatwin" }, drag: { x: true, y: false, setScale: false }, points: { size: 5 }, bind: { dblclick: () => () => { this.show(...this.whole); } } },
+        hooks: {
+          ...options.hooks,
+          setSelect: [u => {
+            if (u.select.width < 4) return;
+            const [a, b] = [u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x")];
+            u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
+            this.show(a, b);
+          }],
+          setCursor: [u => {
+            const k = u.cursor.idx;
+            value.textContent = k === null || k === undefined || !u.data[0].length ? still
+              : `${digits(u.data[0][k])} s: ` + u.data.slice(1).map((y, s) => u.series[s + 1].show ? digits(y[k]) : null).filter(x => x !== null).join(" · ") + ` ${channel.unit}`;
+          }],
+        },
+      }, data(700));
+      made.u.over.addEventListener("wheel", e => {
+        if (!e.ctrlKey && !e.metaKey) return;
+        e.preventDefault();
+        this.zoom(e.deltaY < 0 ? .8 : 1.25, made.u.posToVal(e.clientX - made.u.over.getBoundingClientRect().left, "x"));
+      }, { passive: false });
+      plot.addEventListener("keydown", e => {
+        const act = { ArrowLeft: () => this.pan(-.2), ArrowRight: () => this.pan(.2), "+": () => this.zoom(.6), "=": () => this.zoom(.6), "-": () => this.zoom(1.6), "0": () => this.show(...this.whole) }[e.key];
+        if (act && !e.ctrlKey && !e.metaKey) { e.preventDefault(); act(); }
+      });
+      this.charts.push({ ...made, data, stages });
+    }
+
+    // -- the window
+    show(from, to) {
+      const least = 8 * (this.whole[1] - this.whole[0]) / Math.max(8, this.t.length);
+      if (to - from < least) { const m = (from + to) / 2; from = m - least / 2; to = m + least / 2; }
+      this.window = [Math.max(from, this.whole[0]), Math.min(to, this.whole[1])];
+      if (!this.pending) this.pending = requestAnimationFrame(() => { this.pending = 0; this.draw(); });
+    }
+    pan(share) {
+      const d = this.window[1] - this.window[0];
+      const a = Math.min(Math.max(this.window[0] + share * d, this.whole[0]), this.whole[1] - d);
+      this.show(a, a + d);
+    }
+    zoom(factor, centre = (this.window[0] + this.window[1]) / 2) {
+      this.show(centre - factor * (centre - this.window[0]), centre + factor * (this.window[1] - centre));
+    }
+    draw() {
+      for (const c of this.charts) {
+        const r = c.box.getBoundingClientRect();
+        // What is far outside the screen is drawn when it comes into sight.
+        c.late = r.bottom < -400 || r.top > innerHeight + 400;
+        if (!c.late) c.u.setData(c.data(c.u.bbox.width));
+      }
+      this.strip.u.redraw(false);
+    }
+    seen() {
+      for (const c of this.charts) {
+        if (!c.late) continue;
+        const r = c.box.getBoundingClientRect();
+        if (r.bottom > -400 && r.top < innerHeight + 400) { c.late = false; c.u.setData(c.data(c.u.bbox.width)); }
+      }
+    }
+    resize() {
+      for (const c of [...this.charts, this.strip, ...(this.small || [])]) c.u.setSize({ width: c.width(), height: c.u.height });
+      this.draw();
+    }
+    recolor() {
+      for (const c of [...this.charts, this.strip, ...(this.small || [])]) c.u.redraw(false);
+      this.drawMaps?.();
+    }
+
+    // -- over the motion and frequency
+    placesPanel(panels) {
+      element(panels, "h3", {}, "Over the motion and frequency");
+      const choice = element(panels, "div", { class: "choice", role: "group", "aria-label": "channel" });
+      const grid = element(panels, "div", { class: "small-plots" });
+      let chosen = this.worst;
+      const buttons = this.channels.map((c, k) => {
+        const b = element(choice, "button", { type: "button", "aria-pressed": k === chosen }, c.name);
+        b.onclick = () => { chosen = k; buttons.forEach((other, i) => other.setAttribute("aria-pressed", i === k)); this.drawPlaces(); };
+        return b;
+      });
+      this.drawPlaces = () => {
+        for (const c of this.small || []) c.u.destroy();
+        this.small = [];
+        grid.replaceChildren();
+        const place = this.header.places[chosen], unit = this.channels[chosen].unit, noise = this.channels[chosen].noise, n = this.stages.length;
+        for (const over of place.over) {
+          if (!over.x.length) continue;
+          const series = [{}], data = [over.x], bands = [];
+          over.stages.forEach((s, k) => {
+            const at = data.length, fill = STAGE(k, n) + "30";
+            data.push(s.mean.map((m, i) => m === null ? null : m + s.std[i]), s.mean.map((m, i) => m === null ? null : m - s.std[i]), s.mean);
+            series.push({ show: this.shown[k], width: 0, points: { show: false } }, { show: this.shown[k], width: 0, points: { show: false } },
+              { show: this.shown[k], stroke: () => STAGE(k, n), width: 2, points: { show: false } });
+            bands.push({ series: [at, at + 1], fill });
+          });
+          this.smallChart(grid, over.label, `residual / ${unit}`, data, series, { bands, hooks: noise > 0 ? { drawAxes: [band(noise)] } : {}, scales: { x: { time: false }, y: { range: symmetric } } });
+        }
+        if (place.spectrum.x.length) {
+          const lines = place.spectrum.stages.map((_, k) => ({ show: this.shown[k], stroke: () => STAGE(k, n), width: 1.5, points: { show: false } }));
+          const positive = place.spectrum.stages.map(a => a.map(v => v > 0 ? v : null));
+          this.smallChart(grid, "frequency / Hz", `amplitude / ${unit}`, [place.spectrum.x, ...positive], [{}, ...lines], { scales: { x: { time: false, distr: 3, range: () => [place.spectrum.x[0], place.spectrum.x[place.spectrum.x.length - 1]] }, y: { distr: 3 } } });
+        }
+      };
+      this.drawPlaces();
+    }
+
+    smallChart(grid, label, unit, data, series, options) {
+      const plot = element(grid, "div", { class: "plot", role: "img", "aria-label": `residual over ${label}` });
+      this.small.push(chart(plot, { height: 210, cursor: { show: false }, axes: [axis(label, 28), axis(unit, 58)], series, ...options }, data));
+    }
+
+    // -- over the workspace
+    mapsPanel(panels) {
+      const maps = this.header.maps.filter(m => m);
+      if (!maps.length) return;
+      element(panels, "h3", {}, "Over the workspace");
+      const choice = element(panels, "div", { class: "choice", role: "group", "aria-label": "stage of the map" });
+      let stage = Math.min(1, this.stages.length - 1);
+      const select = element(choice, "select", { "aria-label": "channel of the map" });
+      element(select, "option", { value: 0 }, "all channels");
+      this.channels.forEach((c, k) => element(select, "option", { value: k + 1 }, c.name));
+      select.onchange = () => this.drawMaps();
+      const buttons = this.stages.map((name, s) => {
+        const b = element(choice, "button", { type: "button", "aria-pressed": s === stage }, name);
+        b.onclick = () => { stage = s; buttons.forEach((other, i) => other.setAttribute("aria-pressed", i === s)); this.drawMaps(); };
+        return b;
+      });
+      const row = element(panels, "div", { class: "maps" });
+      const canvases = maps.map(m => {
+        const figure = element(row, "figure");
+        const canvas = element(figure, "canvas", { role: "img", "aria-label": `map of the residual ${m.name}` });
+        const caption = element(figure, "figcaption", {}, `${m.name}: ${m.axes.join("–")}`);
+        return { canvas, caption, still: caption.textContent };
+      });
+      const legend = element(panels, "div", { class: "legend" });
+      const ramp = element(legend, "canvas", { class: "legend-bar", width: 256, height: 1, "aria-hidden": "true" });
+      const ends = element(legend, "span");
+      const [low, high] = [element(ends, "span"), element(ends, "span")];
+      this.drawMaps = () => {
+        const layer = +select.value;
+        // One scale for all stages, so that an improvement is seen.
+        let top = 1.2;
+        for (const m of maps) for (const s of m.stages) for (const v of s[layer]) if (v > top) top = v;
+        for (let k = 0; k < 256; k++) { ramp.getContext("2d").fillStyle = heat(k / 255); ramp.getContext("2d").fillRect(k, 0, 1, 1); }
+        low.textContent = "noise";
+        high.textContent = `RMS ${digits(top)} × noise`;
+        maps.forEach((m, i) => {
+          const { canvas, caption, still } = canvases[i], px = 15, ratio = devicePixelRatio || 1, pad = 34;
+          const [nx, ny] = m.size, w = nx * px + pad, h = ny * px + pad;
+          canvas.width = w * ratio; canvas.height = h * ratio; canvas.style.width = w + "px";
+          const ctx = canvas.getContext("2d");
+          ctx.scale(ratio, ratio);
+          ctx.clearRect(0, 0, w, h);
+          const cells = m.stages[stage][layer];
+          cells.forEach((v, k) => {
+            if (v === null) return;
+            ctx.fillStyle = heat((v - 1) / (top - 1));
+            ctx.fillRect(pad + (k % nx) * px, (ny - 1 - Math.floor(k / nx)) * px, px - 1, px - 1);
+          });
+          ctx.fillStyle = css("--quiet");
+          ctx.font = "11px system-ui, sans-serif";
+          const end = k => digits(m.low[k] + m.size[k] * m.cell);
+          ctx.fillText(`${digits(+m.low[0].toFixed(2))}`, pad, h - pad + 14);
+          ctx.textAlign = "right";
+          ctx.fillText(`${(+end(0)).toFixed(2)} m`, w, h - pad + 14);
+          ctx.textAlign = "center";
+          ctx.fillText(m.axes[0], pad + nx * px / 2, h - pad + 14);
+          ctx.textAlign = "right";
+          ctx.fillText((+m.low[1]).toFixed(2), pad - 3, ny * px);
+          ctx.fillText((+end(1)).toFixed(2), pad - 3, 10);
+          ctx.fillText(m.axes[1], pad - 3, ny * px / 2);
+          canvas.onpointermove = e => {
+            const r = canvas.getBoundingClientRect(), s = w / r.width;
+            const cx = Math.floor(((e.clientX - r.left) * s - pad) / px), cy = ny - 1 - Math.floor((e.clientY - r.top) * s / px);
+            const v = cx >= 0 && cx < nx && cy >= 0 && cy < ny ? cells[cy * nx + cx] : null;
+            caption.textContent = v === null || v === undefined ? still
+              : `${m.axes[0]} ${(m.low[0] + (cx + .5) * m.cell).toFixed(3)}, ${m.axes[1]} ${(m.low[1] + (cy + .5) * m.cell).toFixed(3)} m: ${digits(v)} × noise`;
+          };
+          canvas.onpointerleave = () => { caption.textContent = still; };
+        });
+      };
+      this.drawMaps();
+    }
+  }
+
+  // Range of a scale around zero that shows all but single outliers.
+  function symmetric(u, low, high) {
+    const m = Math.max(Math.abs(low || 0), Math.abs(high || 0)) || 1;
+    return [-1.06 * m, 1.06 * m];
+  }
+
+  // Colours from light to dark of equal steps in lightness (viridis, Smith and van der Walt 2015, five of its colours).
+  const RAMP = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
+  function heat(x) {
+    const k = Math.min(Math.max(x, 0), 1) * (RAMP.length - 1), i = Math.min(Math.floor(k), RAMP.length - 2), f = k - i;
+    return `rgb(${RAMP[i].map((a, c) => Math.round(a + f * (RAMP[i + 1][c] - a))).join(",")})`;
+  }
+
+  const all = [];
+
+  /// Draws the signals below `root`; resolves when they can be used.
+  async function mount(root) {
+    for (const section of root.querySelectorAll("[data-signals]")) {
+      const panels = section.querySelector(".signals-panels");
+      try {
+        const header = JSON.parse(section.querySelector(".signals-header").textContent);
+        const bytes = await inflate(section.querySelector(".signals-data").textContent);
+        all.push(new Signals(section, header, bytes));
+      } catch (error) {
+        element(panels, "p", { class: "callout bad" }, `The curves cannot be drawn: ${error.message}`);
+      }
+    }
+    document.documentElement.dataset.ready = performance.now().toFixed(0);
+  }
+  const living = () => all.filter(s => s.section.isConnected);
+  let resized = 0;
+  addEventListener("resize", () => { clearTimeout(resized); resized = setTimeout(() => living().forEach(s => s.resize()), 80); });
+  addEventListener("scroll", () => living().forEach(s => s.seen()), { passive: true });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => living().forEach(s => s.recolor()));
+  addEventListener("beforeprint", () => living().forEach(s => s.recolor()));
+  return { mount, element, digits, living };
+})();
+if (!document.documentElement.dataset.studio) deltatwin.mount(document);

@@ -1,0 +1,407 @@
+// The studio: shows the state of the session and asks for stages. Texts are set as text only; parts of pages come escaped
+// from the server.
+"use strict";
+(() => {
+  const { element, digits } = deltatwin;
+  const token = new URLSearchParams(location.search).get("token") || "";
+  const $ = id => document.getElementById(id);
+  const STEPS = [["data", "Data"], ["check", "Check"], ["fit", "Fit"], ["where", "Where"], ["why", "Why"], ["add", "Add"], ["next", "Next"], ["save", "Save"]];
+  const UNITS = ["", "s", "ms", "us", "rad", "deg", "rev", "rad/s", "deg/s", "rpm", "m", "mm", "Nm", "Nmm", "N", "A", "mA"];
+  const CHANNELS = ["", "t", "q1", "q2", "q3", "q4", "tau1", "tau2", "tau3", "tau4", "qd1", "qd2", "qd3", "qd4"];
+  let state = null, step = location.hash.slice(1) || "data", shown = "", columns = 0, follow = [];
+
+  // ---- the server ----------------------------------------------------------------------------------------------------
+
+  async function ask(path, options = {}) {
+    const response = await fetch(path, { ...options, headers: { "x-token": token } });
+    const answer = await response.json().catch(() => ({ error: response.statusText || "the server has not answered" }));
+    if (answer.error) throw new Error(answer.error);
+    return answer;
+  }
+  async function act(request) {
+    try { render(await ask("/api/do", { method: "POST", body: JSON.stringify(request) })); return true; } catch (error) { say(error.message); return false; }
+  }
+  const part = async name => (await fetch(`/api/stage?name=${name}`, { headers: { "x-token": token } })).text();
+  let own = "";
+  function say(text) { own = text; $("message").textContent = text; $("message").hidden = !text; }
+
+  async function poll() {
+    let wait = 1000;
+    try {
+      const next = await ask("/api/state");
+      render(next);
+      if (next.job) wait = 250;
+      if (lost) { lost = false; say(""); }
+    } catch { lost = true; say("The server does not answer. Start `deltatwin studio` on the same folder again; nothing is lost."); wait = 1500; }
+    setTimeout(poll, wait);
+  }
+  let lost = false;
+
+  // ---- frame ---------------------------------------------------------------------------------------------------------
+
+  function render(next) {
+    const before = state;
+    state = next;
+    $("folder").textContent = next.folder;
+    $("job").hidden = !next.job;
+    if (next.job) {
+      const { stage, fraction, what, left, passed } = next.job;
+      $("job-text").textContent = `${stage}${what ? ": " + what : ""}, ${passed.toFixed(0)} s` + (left !== null ? `, about ${Math.max(1, left).toFixed(0)} s left` : "");
+      $("job-bar").value = fraction;
+    }
+    if (!before || before.revision !== next.revision) {
+      if (next.message) say(next.message); else if (!lost) say("");
+      steps();
+      bars();
+      versions();
+      panel();
+      if (!next.job && follow.length && !next.message) { const request = follow.shift(); act(request); } else if (next.message) follow = [];
+    }
+  }
+
+  const result = name => state.session.stages[name];
+  const current = () => state.session.current;
+  const busy = () => !!state.job;
+
+  function steps() {
+    $("steps").replaceChildren();
+    for (const [name, title] of STEPS) {
+      const b = element($("steps"), "button", { type: "button" });
+      if (name === step) b.setAttribute("aria-current", "step");
+      const i = element(b, "i", { "aria-hidden": "true" }), r = result(name === "next" ? "why" : name);
+      if (name === "data") i.className = state.session.recordings.length && current() !== null ? "good" : "";
+      else if (name === "save") i.className = state.saved ? "good" : "";
+      else if (name === "next") i.className = r && r.files.length ? "good" : "";
+      else if (r) i.className = !r.good ? "bad" : r.version !== current() && name !== "check" ? "late" : "good";
+      b.append(title);
+      b.onclick = () => go(name);
+    }
+  }
+  function go(name) {
+    step = name;
+    history.replaceState(null, "", `${location.pathname}${location.search}#${name}`);
+    shown = "";
+    steps();
+    panel();
+    $("panel").focus();
+  }
+
+  function bars() {
+    const box = $("bars"), chain = state.chain.map(k => state.session.versions[k]).filter(v => v.errors);
+    const now = current() === null ? null : state.session.versions[current()].errors;
+    if (!now) { box.replaceChildren(); element(box, "p", { class: "small" }, "Check the recordings to see the error of the model."); return; }
+    if (box.children.length !== now.channels.length + 1 || !box.querySelector(".meter")) {
+      box.replaceChildren();
+      element(box, "p", { class: "small" });
+      for (const name of now.channels) {
+        const m = element(box, "div", { class: "meter" });
+        const s = element(m, "span");
+        element(s, "b", {}, name);
+        element(s, "em");
+        const bar = element(m, "div");
+        element(bar, "i").style.width = "100%";
+        element(bar, "u");
+      }
+    }
+    box.firstChild.textContent = `RMS${now.held_out ? " of held-out recordings" : ""}; dashed: noise`;
+    now.channels.forEach((name, c) => {
+      const m = box.children[c + 1], top = Math.max(...chain.map(v => v.errors.rms[c]), now.noise_floor[c], 1e-300);
+      m.querySelector("em").textContent = `${digits(now.rms[c])} ${now.units[c]}`;
+      const i = m.querySelector("i"), ratio = now.rms[c] / now.noise_floor[c];
+      requestAnimationFrame(() => { i.style.width = `${100 * now.rms[c] / top}%`; });
+      i.style.background = ratio < 1.15 ? "var(--s2)" : state.chain.length === 1 ? "var(--s0)" : "var(--s1)";
+      m.querySelector("u").style.left = `${100 * now.noise_floor[c] / top}%`;
+      m.title = `${digits(ratio)} × noise`;
+    });
+  }
+
+  function versions() {
+    const list = $("versions");
+    list.replaceChildren();
+    state.session.versions.forEach((v, k) => {
+      const li = element(list, "li", { class: k === current() ? "current" : state.chain.includes(k) ? "" : "off" });
+      const b = element(li, "button", { type: "button", title: v.file }, v.what + (k === 0 ? ` (${v.file.replace("models/", "")})` : ""));
+      b.onclick = () => act({ do: "version", version: k });
+      if (v.parent !== null) {
+        const d = element(li, "details");
+        element(d, "summary", { class: "small" }, "what changed");
+        d.ontoggle = async () => {
+          if (!d.open || d.dataset.done) return;
+          d.dataset.done = 1;
+          try {
+            const diff = await ask(`/api/difference?version=${k}`);
+            for (const text of diff.effects) element(d, "p", { class: "small" }, text);
+            const body = element(element(d, "table"), "tbody");
+            for (const p of diff.parameters) {
+              const tr = element(body, "tr");
+              element(tr, "td", {}, p.name);
+              element(tr, "td", {}, `${digits(p.before)} → ${digits(p.after)} ${p.unit}`);
+            }
+          } catch (error) { say(error.message); }
+        };
+      }
+    });
+    $("undo").disabled = busy() || current() === null || state.session.versions[current()].parent === null;
+  }
+
+  // ---- panels --------------------------------------------------------------------------------------------------------
+
+  // Only what has changed is drawn again, so that an open window or a half-typed number stays.
+  function panel() {
+    const s = state.session;
+    const key = JSON.stringify([step, busy(), s.generation, current(), result(step), step === "data" ? [s.recordings, s.how, s.versions.length] : 0, step === "add" ? result("why") : 0, step === "next" ? result("why") : 0, step === "save" ? [state.saved, state.revision] : 0]);
+    if (key === shown) return;
+    shown = key;
+    const box = $("panel");
+    box.replaceChildren();
+    element(box, "h2", {}, STEPS.find(([name]) => name === step)[1]);
+    panels[step](box);
+  }
+
+  function button(box, text, request, enabled = true, then = []) {
+    const b = element(box, "button", { type: "button", class: "go" }, text);
+    b.disabled = busy() || !enabled;
+    b.onclick = async () => { follow = [...then]; if (!await act(request)) follow = []; };
+    return b;
+  }
+  function command(box, text) {
+    if (!text) return;
+    const line = element(box, "div", { class: "command" });
+    element(line, "code", {}, text);
+    const b = element(line, "button", { type: "button", "aria-label": "copy the command" }, "copy");
+    b.onclick = async () => { try { await navigator.clipboard.writeText(text); b.textContent = "copied"; } catch { getSelection().selectAllChildren(line.firstChild); b.textContent = "select"; } };
+  }
+  function outcome(box, name, then) {
+    const r = result(name);
+    if (!r) return;
+    const late = r.version !== current() && name !== "check";
+    const stale = "This is of another version of the model; do it again for the one in use.";
+    // The diagnosis says its verdict itself.
+    if (late || name !== "why") element(box, "div", { class: `callout ${r.good ? late ? "warning" : "note" : "bad"}` }, late ? stale : r.message);
+    command(box, r.command);
+    const content = element(box, "div", { "data-part": name });
+    part(name).then(html => {
+      content.innerHTML = html;
+      deltatwin.mount(content);
+      then?.(content, r);
+    }, error => say(error.message));
+  }
+  const passed = () => result("check")?.good;
+  function need(box) {
+    if (!passed()) element(box, "p", { class: "small" }, "First the check must pass.");
+    return passed();
+  }
+
+  const panels = {
+    data(box) {
+      const s = state.session;
+      const drop = element(box, "div", { class: "drop" });
+      element(drop, "div", {}, "Drop recordings (CSV, text tables, MCAP, ROS 2 bags in one file), a model (.toml) and setups (.setup.toml) here");
+      const input = element(drop, "input", { type: "file", multiple: "", "aria-label": "files" });
+      input.onchange = () => upload([...input.files]);
+      element(box, "h3", {}, "Recordings");
+      if (!s.recordings.length) element(box, "p", { class: "small" }, "none yet");
+      s.recordings.forEach((r, k) => {
+        const row = element(box, "div", { class: "row" });
+        element(row, "b", {}, r.file.replace("data/", ""));
+        element(row, "span", { class: "grow small" }, r.held_out ? "judges, the fit does not see it" : "is fitted to");
+        const use = element(row, "button", { type: "button" }, r.held_out ? "fit to it" : "hold out");
+        use.onclick = () => act({ do: "hold_out", recording: k });
+        const look = element(row, "button", { type: "button", "aria-pressed": k === columns }, "columns");
+        look.onclick = () => { columns = k; shown = ""; panel(); };
+        const out = element(row, "button", { type: "button", "aria-label": `leave out ${r.file}` }, "✕");
+        out.onclick = () => act({ do: "leave_out", recording: k });
+        for (const b of [use, out]) b.disabled = busy();
+      });
+      element(box, "h3", {}, "Model");
+      const row = element(box, "div", { class: "row" });
+      element(row, "b", {}, s.versions.length ? s.versions[0].file.replace("models/", "") : "none yet");
+      element(row, "span", { class: "grow" });
+      const select = element(row, "select", { "aria-label": "model that comes with the program" });
+      element(select, "option", { value: "" }, "choose one of the program’s …");
+      for (const name of state.shipped) element(select, "option", { value: name }, name);
+      select.disabled = busy();
+      select.onchange = () => select.value && act({ do: "shipped", model: select.value });
+      if (s.recordings.length) {
+        columns = Math.min(columns, s.recordings.length - 1);
+        const place = element(box, "div");
+        ask(`/api/columns?recording=${columns}`).then(c => columnTable(place, c), error => element(place, "p", { class: "callout bad" }, error.message));
+        if (current() !== null) {
+          const next = element(box, "p");
+          button(next, "Check", { do: "check" }).addEventListener("click", () => go("check"));
+        }
+      }
+    },
+
+    check(box) {
+      const r = result("check");
+      button(box, r ? "Check again" : "Check", { do: "check" }, state.session.recordings.length && current() !== null);
+      if (!state.session.recordings.length || current() === null) element(box, "p", { class: "small" }, "Drop a recording and choose a model first.");
+      if (!r) return;
+      const p = element(box, "p");
+      element(p, "span", { class: `light ${!r.good ? "bad" : r.remedies.length ? "warn" : "good"}`, "aria-hidden": "true" });
+      p.append(r.message);
+      const map = new Set();
+      for (const remedy of r.remedies) {
+        const card = element(box, "div", { class: `remedy${remedy.severe ? " severe" : ""}` });
+        element(card, "p", {}, remedy.sentence);
+        if (remedy.kind === "words") { element(card, "p", { class: "small" }, `Remedy: ${remedy.text}`); continue; }
+        const option = remedy.kind === "map" ? `--map "${remedy.text}"` : `--payload-mass ${remedy.text}`;
+        element(card, "p").append(Object.assign(document.createElement("code"), { textContent: option }));
+        // One click cures everything that one mapping names.
+        if (map.has(option)) { element(card, "p", { class: "small" }, "is part of the remedy above"); continue; }
+        map.add(option);
+        const b = element(card, "button", { type: "button" }, "apply and check again");
+        b.disabled = busy();
+        b.onclick = () => {
+          const how = structuredClone(state.session.how);
+          if (remedy.kind === "map") how.maps.push(remedy.text); else how.payload_mass = +remedy.text;
+          follow = [{ do: "check" }];
+          act({ do: "read", how });
+        };
+      }
+      if (!r.good) {
+        const b = element(element(box, "p"), "button", { type: "button", class: "file" }, "go on all the same (--no-gate)");
+        b.onclick = () => { follow = [{ do: "check" }]; act({ do: "read", how: { ...state.session.how, no_gate: true } }); };
+      }
+      command(box, r.command);
+      const content = element(box, "div");
+      part("check").then(html => { content.innerHTML = html; });
+      if (r.good) { const p = element(box, "p"); button(p, "Fit", { do: "fit" }).addEventListener("click", () => go("fit")); }
+    },
+
+    fit(box) { const ok = need(box); button(box, "Fit the model", { do: "fit" }, ok); outcome(box, "fit"); if (result("fit")) button(element(box, "p"), "Where does it fail?", { do: "where" }, ok).addEventListener("click", () => go("where")); },
+    where(box) { const ok = need(box); button(box, "Where does the model fail?", { do: "where" }, ok); outcome(box, "where"); if (result("where")) button(element(box, "p"), "Why?", { do: "why" }, ok).addEventListener("click", () => go("why")); },
+    why(box) {
+      const ok = need(box);
+      button(box, "Which effect is missing?", { do: "why" }, ok);
+      outcome(box, "why", (content, r) => {
+        for (const card of content.querySelectorAll(".candidate[data-effect]")) {
+          const name = card.dataset.effect, found = card.classList.contains("found") || card.classList.contains("open");
+          const b = element(card, "button", { type: "button" }, `Add ${name}`);
+          if (!found) b.style.cssText = "background:none;color:inherit;font-weight:400;border-color:var(--line)";
+          b.disabled = busy() || r.version !== current();
+          b.onclick = () => { act({ do: "add", effect: name }); go("add"); };
+        }
+      });
+    },
+    add(box) {
+      const ok = need(box), r = result("why");
+      const row = element(box, "div", { class: "fields" });
+      const select = element(element(row, "label", {}, "effect "), "select");
+      const named = r && r.version === current() ? r.named : [];
+      for (const name of [...named, ...state.effects.filter(n => !named.includes(n) && n !== "rigid_bodies")]) element(select, "option", { value: name }, name + (named.includes(name) ? " (named)" : ""));
+      const b = element(row, "button", { type: "button", class: "go" }, "Add it");
+      b.disabled = busy() || !ok;
+      b.onclick = () => act({ do: "add", effect: select.value });
+      outcome(box, "add");
+    },
+    next(box) {
+      const r = result("why");
+      if (!r) { element(box, "p", { class: "small" }, "The diagnosis (Why) proposes what to measure next."); return; }
+      if (!r.files.length) element(box, "p", {}, "The diagnosis proposes no motion of its own; see Why.");
+      for (const file of r.files) {
+        element(box, "p", {}, "The motion that decides what is open, as a scenario:");
+        element(element(box, "p"), "a", { href: `/api/file?name=${encodeURIComponent(file)}&token=${token}`, download: file, class: "file" }, `download ${file}`);
+        command(box, `deltatwin simulate ${file} -o next.mcap`);
+      }
+    },
+    save(box) {
+      element(box, "p", {}, "One page with everything found so far, that needs no server; and the folder itself is the session.");
+      button(box, "Save the page", { do: "save" }, Object.keys(state.session.stages).length > 0);
+      if (state.saved) element(element(box, "p"), "a", { href: `/api/file?name=report.html&token=${token}`, target: "_blank", class: "file" }, "saved: open report.html");
+      element(box, "h3", {}, "The same on the command line");
+      const chain = state.chain.map(k => state.session.versions[k].command).filter(c => c);
+      for (const c of [`cd ${state.folder}`, result("check")?.command, ...chain, result("why")?.command]) command(box, c);
+    },
+  };
+
+  // ---- columns of a recording ----------------------------------------------------------------------------------------
+
+  function columnTable(box, c) {
+    element(box, "h3", {}, `${c.file.replace("data/", "")}: ${c.rows} ${c.table ? "rows" : "samples"}`);
+    if (c.problem) element(box, "div", { class: "callout bad" }, c.problem);
+    if (c.warnings.length) { const d = element(box, "details"); element(d, "summary", { class: "small" }, c.warnings.length === 1 ? "1 remark of the reader" : `${c.warnings.length} remarks of the reader`); const ul = element(d, "ul", { class: "small" }); for (const w of c.warnings) element(ul, "li", {}, w); }
+    const wide = element(box, "div", { class: "wide" }), table = element(wide, "table", { class: "map" });
+    const head = element(element(table, "thead"), "tr");
+    for (const text of c.table ? ["column", "signal", "first", "is", "unit", "turned"] : ["channel", "signal"]) element(head, "th", {}, text);
+    const body = element(table, "tbody"), rows = [];
+    for (const column of c.columns) {
+      const tr = element(body, "tr");
+      element(tr, "td").append(Object.assign(document.createElement("code"), { textContent: column.name }));
+      spark(element(element(tr, "td"), "canvas", { role: "img", "aria-label": `signal ${column.name}` }), column.stretches);
+      if (!c.table) continue;
+      element(tr, "td", { class: "small" }, column.first.join(", "));
+      const is = element(element(tr, "td"), "select", { "aria-label": `channel of ${column.name}` });
+      for (const name of CHANNELS.includes(column.channel) || !column.channel ? CHANNELS : [...CHANNELS, column.channel]) element(is, "option", { value: name }, name || "–");
+      is.value = column.channel || "";
+      const unit = element(element(tr, "td"), "select", { "aria-label": `unit of ${column.name}` });
+      for (const name of UNITS) element(unit, "option", { value: name }, name || "as named");
+      const turned = element(element(tr, "td"), "input", { type: "checkbox", "aria-label": `sign of ${column.name} turned` });
+      rows.push({ column, is, unit, turned });
+    }
+    const how = state.session.how, fields = element(box, "div", { class: "fields" });
+    const field = (label, key) => { const i = element(element(fields, "label", {}, label + " "), "input", { type: "number", step: "any", min: "0" }); i.value = how[key] ?? ""; return [key, i]; };
+    const numbers = [field("payload / kg", "payload_mass"), field("samples per second, without times", "rate"), field("gear ratio of the motor’s side", "gear_ratio")];
+    if (how.maps.length) {
+      element(box, "p", { class: "small" }, "Read with:");
+      how.maps.forEach((map, k) => {
+        const row = element(box, "div", { class: "row" });
+        element(row, "code", { class: "grow" }, `--map "${map}"`);
+        const b = element(row, "button", { type: "button", "aria-label": "without this mapping" }, "✕");
+        b.onclick = () => act({ do: "read", how: { ...how, maps: how.maps.filter((_, i) => i !== k) } });
+      });
+    }
+    const apply = element(element(box, "p"), "button", { type: "button", class: "go" }, "Read it so");
+    apply.disabled = busy();
+    apply.onclick = () => {
+      const quote = name => name.includes("'") ? `"${name}"` : `'${name}'`;
+      const changed = rows.filter(r => r.is.value && (r.is.value !== (r.column.channel || "") || r.unit.value || r.turned.checked));
+      const map = changed.map(r => `${r.is.value}=${quote(r.column.name)}${r.unit.value ? `[${r.unit.value}]` : ""}${r.turned.checked ? "*-1" : ""}`).join(", ");
+      const next = structuredClone(how);
+      // A new assignment of columns takes the place of the last one; what was applied after it may no longer fit.
+      if (map) next.maps = [map];
+      for (const [key, input] of numbers) next[key] = input.value === "" ? null : +input.value;
+      act({ do: "read", how: next });
+    };
+  }
+  function spark(canvas, stretches) {
+    const ratio = devicePixelRatio || 1, w = 180, h = 34;
+    canvas.width = w * ratio; canvas.height = h * ratio;
+    const ctx = canvas.getContext("2d"), known = stretches.filter(s => s);
+    ctx.scale(ratio, ratio);
+    const low = Math.min(...known.map(s => s[0])), high = Math.max(...known.map(s => s[1])), span = high - low || 1;
+    ctx.strokeStyle = getComputedStyle(document.documentElement).getPropertyValue("--s1");
+    ctx.beginPath();
+    stretches.forEach((s, k) => {
+      if (!s) return;
+      const x = (k + .5) * w / stretches.length, y = v => h - 2 - (h - 4) * (v - low) / span;
+      k ? ctx.lineTo(x, y(s[0])) : ctx.moveTo(x, y(s[0]));
+      ctx.lineTo(x, y(s[1]));
+    });
+    ctx.stroke();
+    if (known.length) canvas.title = `${digits(low)} to ${digits(high)}`;
+  }
+
+  // ---- files ---------------------------------------------------------------------------------------------------------
+
+  async function upload(files) {
+    const failed = [];
+    // Setups belong to recordings that come after them.
+    files.sort((a, b) => b.name.endsWith(".toml") - a.name.endsWith(".toml"));
+    for (const file of files) {
+      try { render(await ask(`/api/file?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file })); }
+      catch (error) { failed.push(error.message); }
+    }
+    if (failed.length) say(failed.join("\n"));
+  }
+  for (const type of ["dragover", "drop"]) addEventListener(type, e => {
+    e.preventDefault();
+    document.querySelector(".drop")?.classList.toggle("over", type === "dragover");
+    if (type === "drop" && e.dataTransfer.files.length) { if (step !== "data") go("data"); upload([...e.dataTransfer.files]); }
+  });
+
+  $("cancel").onclick = () => act({ do: "cancel" });
+  $("undo").onclick = () => act({ do: "undo" });
+  poll();
+})();

@@ -1,0 +1,340 @@
+//! The stages of the loop on a session: check, fit, where, why, add.
+
+use std::path::Path;
+
+use deltatwin::comparison::compare;
+use deltatwin::diagnosis::{self, Options, diagnose_with};
+use deltatwin::gate::{Remedy as GateRemedy, combined};
+use deltatwin::identification::{Dataset, Residuals, dataset::noise_floor};
+use deltatwin::machine::Configuration;
+use deltatwin::model::{Model, Provenance};
+use deltatwin::text::significant;
+use deltatwin_analysis::gate::{Examined, line as finding_line};
+use deltatwin_analysis::{add as added, compare as compared, diagnose as diagnosed, gate, page, run};
+use deltatwin_io::file::replace_text;
+use deltatwin_io::model;
+use deltatwin_io::scenario::write_experiment;
+use deltatwin_report::Report;
+use deltatwin_report::drawing::residual::Stage as Drawn;
+use miette::{IntoDiagnostic, miette};
+use serde_json::{Value, json};
+
+use crate::job::Job;
+use crate::session::{Errors, Remedy, Session, StageResult, Version};
+use crate::studio::{Task, line};
+
+/// What a stage has found.
+pub(crate) struct Outcome {
+    stages: Vec<(&'static str, StageResult, Value, Report)>,
+    /// A new model, with its version.
+    model: Option<(Model, Provenance, Version)>,
+    /// Errors of versions.
+    errors: Vec<(usize, Errors)>,
+}
+
+impl Outcome {
+    /// Writes the results and the new model into the folder.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn write(&self, folder: &Path) -> miette::Result<()> {
+        let stages = folder.join("stages");
+        std::fs::create_dir_all(&stages).into_diagnostic()?;
+        if let Some((model, provenance, version)) = &self.model {
+            model::write_fitted(model, &folder.join(&version.file), provenance)?;
+        }
+        for (name, _, json, report) in &self.stages {
+            replace_text(&stages.join(format!("{name}.json")), &format!("{json:#}\n")).into_diagnostic()?;
+            replace_text(&stages.join(format!("{name}.html")), report.fragment()).into_diagnostic()?;
+        }
+        Ok(())
+    }
+
+    /// Puts the results and the new version into the session.
+    pub fn apply(&self, session: &mut Session) {
+        for (k, errors) in &self.errors {
+            if let Some(version) = session.versions.get_mut(*k) {
+                version.errors = Some(errors.clone());
+            }
+        }
+        if let Some((_, _, version)) = &self.model {
+            session.versions.push(version.clone());
+            session.current = Some(session.versions.len() - 1);
+        }
+        for (name, result, _, _) in &self.stages {
+            session.stages.insert((*name).into(), result.clone());
+        }
+    }
+}
+
+impl Task {
+    /// A command on the model in use and the session's recordings, in the folder of the session.
+    fn command(&self, name: &str, first: &[&str], more: &[&str]) -> String {
+        let file = self.session.versions[self.version].file.as_str();
+        let mut words: Vec<String> = ["deltatwin", name, file].iter().chain(first).map(|w| w.to_string()).collect();
+        words.extend(self.session.inputs(Path::new("")).map(|i| i.words()).unwrap_or_default());
+        words.extend(more.iter().map(|w| w.to_string()));
+        line(&words)
+    }
+
+    fn held_out(&self) -> bool {
+        !self.data.held_out.is_empty()
+    }
+
+    fn judged(&self) -> &[Dataset] {
+        if self.held_out() { &self.data.held_out } else { &self.data.datasets }
+    }
+
+    fn errors(&self, rms: Vec<f64>, noise_floor: Vec<f64>) -> Errors {
+        let channels = self.data.channels();
+        Errors {
+            channels: channels.iter().map(|c| c.title()).collect(),
+            units: channels.iter().map(|c| c.unit().to_string()).collect(),
+            rms,
+            noise_floor,
+            held_out: self.held_out(),
+        }
+    }
+
+    /// Errors of a model on the recordings that judge.
+    fn errors_of(&self, model: &Model) -> miette::Result<Errors> {
+        let rms = Residuals::new(model, self.judged()).into_diagnostic()?.rms;
+        Ok(self.errors(rms, noise_floor(model, &self.data.datasets)))
+    }
+
+    /// A new version in use after this stage.
+    fn next(&self, what: String, slug: &str, command: &dyn Fn(&str) -> String, errors: Errors) -> Version {
+        // A session that began anew with another model leaves the files of the earlier one.
+        let numbered = |k: usize| format!("models/v{k}-{slug}.toml");
+        let free = |file: &String| !self.folder.join(file).exists();
+        let file = (self.session.versions.len()..).map(numbered).find(free).unwrap_or_else(|| numbered(0));
+        let command = command(&file);
+        Version { file, what, parent: Some(self.version), command, errors: Some(errors) }
+    }
+
+    fn provenance(&self, stage: &str, parameters: &[deltatwin::identification::Estimate]) -> Provenance {
+        let files = self.session.recordings.iter().filter(|r| !r.held_out).map(|r| r.file.clone()).collect();
+        let today = jiff::Timestamp::now().strftime("%Y-%m-%d").to_string();
+        Provenance::new(stage, today, files, parameters.iter().map(|p| (p.name.clone(), p.std)))
+    }
+
+    fn result(&self, good: bool, message: String, command: String) -> StageResult {
+        StageResult {
+            good,
+            message,
+            command,
+            version: self.version,
+            remedies: Vec::new(),
+            named: Vec::new(),
+            files: Vec::new(),
+        }
+    }
+}
+
+/// Whether the recordings belong to the model, with remedies; and the errors of the versions.
+pub(crate) fn check(task: &Task, job: &Job) -> miette::Result<Outcome> {
+    job.at(0.3, "signs, factors, order, zeros");
+    let examined = Examined::of(&task.model, &task.data);
+    let good = examined.refused.is_empty() || task.session.how.no_gate;
+    let mut remedies: Vec<Remedy> = Vec::new();
+    for dataset in task.data.datasets.iter().chain(&task.data.held_out) {
+        let own: Vec<_> = examined.findings.iter().filter(|f| f.recording == dataset.name).cloned().collect();
+        let all = combined(&own);
+        for finding in &own {
+            let sentence = format!("{}: {}", finding.recording, finding_line(finding));
+            let (kind, text) = match &finding.remedy {
+                // One assignment for everything that is wrong with the recording.
+                GateRemedy::Map(own) => ("map", all.as_ref().map_or_else(|| own.join(", "), map_text)),
+                GateRemedy::PayloadMass(mass) => ("payload_mass", significant(*mass, 4)),
+                GateRemedy::Words(words) => ("words", words.to_string()),
+            };
+            remedies.push(Remedy { sentence, severe: finding.severe, kind: kind.into(), text });
+        }
+    }
+    let mut errors = Vec::new();
+    if good {
+        job.at(0.6, "errors of the model");
+        for k in task.session.chain() {
+            let version = model::read(&task.folder.join(&task.session.versions[k].file))?;
+            errors.push((k, task.errors_of(&version)?));
+        }
+    }
+    let message = match (good, remedies.len()) {
+        (true, 0) => {
+            "The recordings belong to the model: signs, factors, order, zeros, lag and payload are in order.".into()
+        }
+        (true, 1) => "The recordings can be fitted, with one remark.".into(),
+        (true, n) => format!("The recordings can be fitted, with {n} remarks: look at them first."),
+        (false, _) => "The recordings do not belong to the model: nothing should be fitted.".to_string(),
+    };
+    let files: Vec<String> = task.session.recordings.iter().map(|r| r.file.clone()).collect();
+    let model_file = &task.session.versions[task.version].file;
+    let mut words = [vec!["deltatwin".to_string(), "check".into()], files].concat();
+    words.extend(["--model".to_string(), model_file.clone()]);
+    task.session.how.maps.iter().for_each(|map| words.extend(["--map".to_string(), map.clone()]));
+    let mut report = Report::new("", "");
+    if !task.data.warnings.is_empty() {
+        let short = |w: &String| w.replace(&format!("{}/", task.folder.display()), "");
+        report.list(&task.data.warnings.iter().map(short).collect::<Vec<_>>());
+    }
+    let json = json!({"good": good, "gate": gate::json(&examined.findings), "warnings": task.data.warnings});
+    let result = StageResult { remedies, ..task.result(good, message, line(&words)) };
+    Ok(Outcome { stages: vec![("check", result, json, report)], model: None, errors })
+}
+
+/// Text of a remedy by mapping.
+fn map_text(remedy: &GateRemedy) -> String {
+    match remedy {
+        GateRemedy::Map(assignments) => assignments.join(", "),
+        other => other.to_string(),
+    }
+}
+
+/// A fit of the model in use, as a new version, and where it fails.
+pub(crate) fn fit(task: &Task, job: &Job) -> miette::Result<Outcome> {
+    job.at(0.1, "fit");
+    let found = run::identify(&task.model, &task.data).into_diagnostic()?;
+    stop(job)?;
+    let rms = found.held_out_rms.clone().unwrap_or_else(|| found.fitted.residuals.rms.clone());
+    let errors = task.errors(rms, found.noise_floor.clone());
+    let command = |file: &str| task.command("identify", &[], &["-o", file]);
+    let version = task.next("identified".into(), "identified", &command, errors);
+    let mut report = Report::new("", "");
+    page::parameter_table(&mut report, &task.model, &task.data, &[("identified", &found.fitted.parameters)]);
+    let count = found.fitted.parameters.iter().filter(|p| p.identified()).count();
+    let message = format!(
+        "{count} parameters identified; {} base parameters, condition number {}.",
+        found.fitted.structure.rank,
+        significant(found.fitted.structure.condition(), 3)
+    );
+    let mut result = task.result(true, message, version.command.clone());
+    let json = found.json(Some(Path::new(&version.file)));
+    job.at(0.6, "where it fails");
+    let next = task.session.versions.len();
+    result.version = next;
+    let located = locate_in(task, &found.fitted.model, next, "identified")?;
+    let provenance = task.provenance("identify", &found.fitted.parameters);
+    Ok(Outcome {
+        stages: vec![("fit", result, json, report), located],
+        model: Some((found.fitted.model, provenance, version)),
+        errors: Vec::new(),
+    })
+}
+
+/// Where the model in use fails.
+pub(crate) fn locate(task: &Task, job: &Job) -> miette::Result<Outcome> {
+    job.at(0.2, "residuals");
+    let name = task.session.versions[task.version].what.clone();
+    let located = locate_in(task, &task.model, task.version, &name)?;
+    let errors = vec![(task.version, task.errors_of(&task.model)?)];
+    Ok(Outcome { stages: vec![located], model: None, errors })
+}
+
+type Located = (&'static str, StageResult, Value, Report);
+
+/// Where a model fails: its residuals beside those of the first version and the one before it.
+fn locate_in(task: &Task, model: &Model, version: usize, name: &str) -> miette::Result<Located> {
+    let comparison = compare(model, &task.data.datasets, &task.data.held_out).into_diagnostic()?;
+    let mut earlier = task.session.chain();
+    earlier.retain(|k| *k != version);
+    // The delivered model and the latest before this one.
+    if earlier.len() > 2 {
+        earlier.drain(1..earlier.len() - 1);
+    }
+    let mut models = Vec::new();
+    for k in earlier {
+        let known = &task.session.versions[k];
+        models.push((known.what.clone(), model::read(&task.folder.join(&known.file))?));
+    }
+    let mut stages: Vec<Drawn> = models.iter().map(|(name, model)| Drawn { name, model }).collect();
+    stages.push(Drawn { name, model });
+    let mut report = Report::new("", "");
+    page::findings(&mut report, &comparison, "Where the model fails");
+    page::residuals(&mut report, &stages, &task.data, &comparison.noise_floor).into_diagnostic()?;
+    let message = match comparison.worst() {
+        Some((channel, ratio)) => format!("{}: {} times the noise.", channel.title(), significant(ratio, 3)),
+        None => "The noise is not known.".into(),
+    };
+    let mut result = task.result(true, message, task.command("compare", &[], &["--report", "where.html"]));
+    result.version = version;
+    Ok(("where", result, compared::json(&comparison, &[]), report))
+}
+
+/// Computing time per sample of a diagnosis on a busy machine, and its lower bound, s.
+const SECONDS: (f64, f64) = (1.2e-3, 120.0);
+
+/// Which effect is missing, and the next experiment.
+pub(crate) fn diagnose(task: &Task, job: &Job) -> miette::Result<Outcome> {
+    let samples: usize = task.data.datasets.iter().chain(&task.data.held_out).map(Dataset::len).sum();
+    let limit = (SECONDS.0 * samples as f64).max(SECONDS.1);
+    let clock = || if job.is_cancelled() { f64::INFINITY } else { job.seconds() / limit };
+    let options = Options { clock: &clock, ..Options::default() };
+    let mut fraction = 0.05;
+    let d = diagnose_with(&task.model, &task.data.datasets, &task.data.held_out, &options, &mut |what| {
+        fraction = run::ahead(fraction, what);
+        job.at(fraction, what);
+    })
+    .into_diagnostic()?;
+    stop(job)?;
+    let mut files = Vec::new();
+    let mut report = Report::new("", "");
+    page::headline(&mut report, &d);
+    page::diagnosed(&mut report, &d);
+    page::budget(&mut report, &d);
+    page::next(&mut report, &d);
+    if let Some(next) = d.next_experiment.as_ref().filter(|n| {
+        let apart = n.experiment.dataset.setup.configuration != Configuration::Assembled && task.model.assembled;
+        n.experiment.course.is_some() && !apart
+    }) {
+        let comments = [format!("Proposed by `deltatwin diagnose`, {}.", next.what)];
+        let machine = task.folder.join(&task.session.versions[task.version].file);
+        write_experiment(&next.experiment, &comments, 1, (&task.model, &machine), &task.folder.join(NEXT))?;
+        files.push(NEXT.to_string());
+    }
+    let more: &[&str] = if files.is_empty() { &[] } else { &["--next", NEXT] };
+    let mut result = task.result(true, diagnosed::verdict(&d), task.command("diagnose", &[], more));
+    result.named = d.effects.iter().map(|e| e.name.clone()).collect();
+    result.files = files;
+    let scenario = result.files.first().map(Path::new);
+    let json = diagnosed::json(&d, None, scenario);
+    Ok(Outcome { stages: vec![("why", result, json, report)], model: None, errors: Vec::new() })
+}
+
+/// Name of the scenario of the next experiment.
+const NEXT: &str = "next.toml";
+
+/// The effect added to the model in use, as a new version, and where that fails.
+pub(crate) fn add(task: &Task, job: &Job, effect: &str) -> miette::Result<Outcome> {
+    job.at(0.1, effect);
+    let a = diagnosis::add(&task.model, effect, &task.data.datasets, &task.data.held_out).into_diagnostic()?;
+    stop(job)?;
+    let errors = task.errors(a.budget.rms_after().to_vec(), a.budget.noise_floor.clone());
+    let command = |file: &str| task.command("add", &[effect], &["-o", file]);
+    let version = task.next(format!("+ {effect}"), effect, &command, errors);
+    let mut report = Report::new("", "");
+    let estimates = [("refitted", &a.parameters_before[..]), ("effect added", &a.fit.parameters[..])];
+    page::addition_budget(&mut report, &a);
+    page::parameter_table(&mut report, &task.model, &task.data, &estimates);
+    let worst = |rms: &[f64]| {
+        let ratios = rms.iter().zip(&a.budget.noise_floor).map(|(r, n)| r / n).filter(|r| r.is_finite());
+        significant(ratios.fold(0.0, f64::max), 3)
+    };
+    let (before, after) = (worst(&a.budget.rms_before), worst(a.budget.rms_after()));
+    let message = format!("With {effect} the worst channel falls from {before} to {after} times the noise.");
+    let next = task.session.versions.len();
+    let mut result = task.result(true, message, version.command.clone());
+    result.version = next;
+    let json = added::json(&a, Some(Path::new(&version.file)));
+    job.at(0.7, "where it fails");
+    let located = locate_in(task, &a.fit.model, next, &version.what)?;
+    let provenance = task.provenance("add", &a.fit.parameters);
+    Ok(Outcome {
+        stages: vec![("add", result, json, report), located],
+        model: Some((a.fit.model, provenance, version)),
+        errors: Vec::new(),
+    })
+}
+
+fn stop(job: &Job) -> miette::Result<()> {
+    if job.is_cancelled() { Err(miette!("{} was cancelled", job.stage)) } else { Ok(()) }
+}

@@ -1,0 +1,303 @@
+//! A session that is worked on: its state, the work that goes on, and the data in memory.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use deltatwin::machine::Mechanism;
+use deltatwin::model::Model;
+use deltatwin_analysis::Data;
+use deltatwin_analysis::page::quoted;
+use deltatwin_io::{file, model};
+use miette::{IntoDiagnostic, miette};
+use serde_json::Value;
+
+use crate::job::Job;
+use crate::session::{How, Recording, Session, Version};
+use crate::stage::{self, Outcome};
+use crate::upload::{self, Kept};
+
+/// Models that come with the program, by the names of their files.
+pub const SHIPPED: [(&str, &str); 5] = [
+    ("irb360-6-1600.toml", include_str!("../../../models/irb360-6-1600.toml")),
+    ("irb360-1-1130.toml", include_str!("../../../models/irb360-1-1130.toml")),
+    ("irb360-6-1600-disassembled.toml", include_str!("../../../models/irb360-6-1600-disassembled.toml")),
+    ("clavel-delta.toml", include_str!("../../../models/clavel-delta.toml")),
+    ("servo-axis.toml", include_str!("../../../models/servo-axis.toml")),
+];
+
+/// A session in a folder.
+pub struct Studio {
+    folder: PathBuf,
+    inner: Mutex<Inner>,
+}
+
+/// What a request looks at and changes.
+pub(crate) struct Inner {
+    pub session: Session,
+    pub job: Option<Arc<Job>>,
+    /// Changes since the start, so that a window knows when to look again.
+    pub revision: u64,
+    /// What went wrong last; empty if nothing did.
+    pub message: String,
+    data: Option<Loaded>,
+}
+
+/// Data in memory, with what they depend on.
+struct Loaded {
+    generation: u64,
+    machine: (Mechanism, bool),
+    data: Arc<Data>,
+}
+
+/// What a stage works with.
+pub(crate) struct Task {
+    /// The session when the stage began.
+    pub session: Session,
+    /// Its folder.
+    pub folder: PathBuf,
+    /// The model in use.
+    pub model: Model,
+    /// Its version.
+    pub version: usize,
+    /// The recordings.
+    pub data: Arc<Data>,
+}
+
+impl Studio {
+    /// The session of `folder`, which is created if it does not exist.
+    ///
+    /// # Errors
+    /// If the folder cannot be created, or holds a session that cannot be read.
+    pub fn open(folder: &Path) -> miette::Result<Self> {
+        std::fs::create_dir_all(folder).into_diagnostic()?;
+        let folder = folder.canonicalize().into_diagnostic()?;
+        let session = Session::read(&folder)?;
+        let inner = Inner { session, job: None, revision: 1, message: String::new(), data: None };
+        Ok(Self { folder, inner: Mutex::new(inner) })
+    }
+
+    /// Folder of the session.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The state; what a thread that failed has left is as good as any.
+    pub(crate) fn lock(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Changes the session and writes it; without the file nothing has changed.
+    fn change<T>(&self, change: impl FnOnce(&mut Session) -> miette::Result<T>) -> miette::Result<T> {
+        let mut inner = self.lock();
+        let mut next = inner.session.clone();
+        let result = change(&mut next)?;
+        next.write(&self.folder)?;
+        inner.session = next;
+        inner.revision += 1;
+        inner.message.clear();
+        Ok(result)
+    }
+
+    /// Keeps a file that came in.
+    ///
+    /// # Errors
+    /// As for [`upload::keep`], or if something else is being worked on.
+    pub(crate) fn take(&self, name: &str, source: &mut dyn std::io::Read) -> miette::Result<Kept> {
+        let kept = upload::keep(&self.folder, name, source)?;
+        self.change(|session| {
+            match &kept {
+                Kept::Recording(file) => {
+                    if !session.recordings.iter().any(|r| r.file == *file) {
+                        // The first is fitted to, the others judge.
+                        let held_out = session.recordings.iter().any(|r| !r.held_out);
+                        session.recordings.push(Recording { file: file.clone(), held_out });
+                    }
+                }
+                Kept::Model(file) => begin_with(session, file, "uploaded"),
+                Kept::Setup(_) => {}
+            }
+            session.changed();
+            Ok(())
+        })?;
+        Ok(kept)
+    }
+
+    /// Does what a window asks for.
+    ///
+    /// # Errors
+    /// If it is not possible; the session is then as before.
+    pub(crate) fn act(self: &Arc<Self>, request: &Value) -> miette::Result<()> {
+        let text = |key: &str| request[key].as_str().unwrap_or_default();
+        let index = |key: &str| request[key].as_u64().map(|k| k as usize);
+        match text("do") {
+            "cancel" => {
+                if let Some(job) = &self.lock().job {
+                    job.cancel();
+                }
+                Ok(())
+            }
+            "hold_out" => self.idle()?.change(|s| {
+                let recording = index("recording").and_then(|k| s.recordings.get_mut(k));
+                let recording = recording.ok_or_else(|| miette!("there is no such recording"))?;
+                recording.held_out = !recording.held_out;
+                s.changed();
+                Ok(())
+            }),
+            "leave_out" => self.idle()?.change(|s| {
+                let k = index("recording").filter(|k| *k < s.recordings.len());
+                s.recordings.remove(k.ok_or_else(|| miette!("there is no such recording"))?);
+                s.changed();
+                Ok(())
+            }),
+            "shipped" => {
+                let found = SHIPPED.iter().find(|(name, _)| *name == text("model"));
+                let (name, content) = found.ok_or_else(|| miette!("there is no model of this name"))?;
+                self.idle()?;
+                let file = format!("models/{name}");
+                std::fs::create_dir_all(self.folder.join("models")).into_diagnostic()?;
+                file::replace_text(&self.folder.join(&file), content).into_diagnostic()?;
+                self.change(|s| {
+                    begin_with(s, &file, "shipped");
+                    s.changed();
+                    Ok(())
+                })
+            }
+            "read" => {
+                let how: How = serde_json::from_value(request["how"].clone()).into_diagnostic()?;
+                self.idle()?.change(|s| {
+                    s.how = how;
+                    s.changed();
+                    s.inputs(Path::new("")).map(drop)
+                })
+            }
+            "version" => self.idle()?.change(|s| {
+                let k = index("version").filter(|k| *k < s.versions.len());
+                s.current = Some(k.ok_or_else(|| miette!("there is no such version"))?);
+                Ok(())
+            }),
+            "undo" => self.idle()?.change(|s| {
+                let parent = s.current.and_then(|k| s.versions[k].parent);
+                s.current = Some(parent.ok_or_else(|| miette!("this is the first model"))?);
+                Ok(())
+            }),
+            "check" => self.start("check", stage::check),
+            "fit" => self.checked()?.start("fit", stage::fit),
+            "where" => self.checked()?.start("where", stage::locate),
+            "why" => self.checked()?.start("why", stage::diagnose),
+            "add" => {
+                let effect = text("effect").to_string();
+                self.checked()?.start("add", move |task, job| stage::add(task, job, &effect))
+            }
+            "save" => {
+                let session = self.lock().session.clone();
+                crate::view::save(&self.folder, &session)?;
+                self.lock().revision += 1;
+                Ok(())
+            }
+            other => Err(miette!("nothing is called `{other}`")),
+        }
+    }
+
+    /// Itself if nothing is being worked on.
+    fn idle(&self) -> miette::Result<&Self> {
+        match &self.lock().job {
+            Some(job) => Err(miette!("wait for `{}` to end, or cancel it", job.stage)),
+            None => Ok(self),
+        }
+    }
+
+    /// Itself if the check has passed.
+    fn checked(self: &Arc<Self>) -> miette::Result<&Arc<Self>> {
+        let passed = self.lock().session.stages.get("check").is_some_and(|c| c.good);
+        if passed { Ok(self) } else { Err(miette!("the recordings are not checked, or do not belong to the model")) }
+    }
+
+    /// Starts a stage in the background; its outcome is kept if nothing it depends on has changed.
+    fn start(
+        self: &Arc<Self>,
+        stage: &'static str,
+        work: impl FnOnce(&Task, &Job) -> miette::Result<Outcome> + Send + 'static,
+    ) -> miette::Result<()> {
+        let job = Arc::new(Job::new(stage));
+        {
+            let mut inner = self.lock();
+            if let Some(job) = &inner.job {
+                return Err(miette!("wait for `{}` to end, or cancel it", job.stage));
+            }
+            inner.job = Some(job.clone());
+            inner.message.clear();
+            inner.revision += 1;
+        }
+        let studio = self.clone();
+        std::thread::spawn(move || {
+            let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+                let task = studio.task(&job)?;
+                let generation = task.session.generation;
+                work(&task, &job).map(|outcome| (outcome, generation))
+            }));
+            let outcome = outcome.unwrap_or_else(|_| Err(miette!("the stage `{stage}` failed unexpectedly")));
+            studio.end(&job, outcome);
+        });
+        Ok(())
+    }
+
+    /// Keeps the outcome of a stage, or tells why there is none.
+    fn end(&self, job: &Job, outcome: miette::Result<(Outcome, u64)>) {
+        let kept = outcome.and_then(|(outcome, generation)| {
+            if job.is_cancelled() {
+                return Err(miette!("{} was cancelled", job.stage));
+            }
+            if self.lock().session.generation != generation {
+                return Err(miette!("the data have changed while {} was running", job.stage));
+            }
+            outcome.write(&self.folder)?;
+            self.change(|session| {
+                outcome.apply(session);
+                Ok(())
+            })
+        });
+        let mut inner = self.lock();
+        inner.job = None;
+        inner.revision += 1;
+        if let Err(error) = kept {
+            let text = error.chain().map(ToString::to_string).collect::<Vec<_>>().join(": ");
+            inner.message = text.replace(&format!("{}/", self.folder.display()), "");
+        }
+    }
+
+    /// What a stage works with; the data are read if they are not in memory.
+    fn task(&self, job: &Job) -> miette::Result<Task> {
+        let session = self.lock().session.clone();
+        let version = session.current.ok_or_else(|| miette!("there is no model yet; choose or drop one"))?;
+        if !session.recordings.iter().any(|r| !r.held_out) {
+            return Err(miette!("there is no recording to fit to; drop one"));
+        }
+        let model = model::read(&self.folder.join(&session.versions[version].file))?;
+        let machine = (model.mechanism, model.assembled);
+        let known = |l: &&Loaded| l.generation == session.generation && l.machine == machine;
+        let loaded = self.lock().data.as_ref().filter(known).map(|l| l.data.clone());
+        let data = match loaded {
+            Some(data) => data,
+            None => {
+                job.at(0.01, "reading");
+                let data = Arc::new(Data::read(&session.inputs(&self.folder)?, &model)?);
+                let loaded = Loaded { generation: session.generation, machine, data: data.clone() };
+                self.lock().data = Some(loaded);
+                data
+            }
+        };
+        Ok(Task { session, folder: self.folder.clone(), model, version, data })
+    }
+}
+
+/// Makes `file` the first of the versions.
+fn begin_with(session: &mut Session, file: &str, what: &str) {
+    session.versions =
+        vec![Version { file: file.into(), what: what.into(), parent: None, command: String::new(), errors: None }];
+    session.current = Some(0);
+}
+
+/// A command line from its words.
+pub(crate) fn line(words: &[String]) -> String {
+    words.iter().map(|w| quoted(w)).collect::<Vec<_>>().join(" ")
+}

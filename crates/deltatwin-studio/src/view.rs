@@ -1,0 +1,170 @@
+//! What windows see: the state, columns of a recording, differences of models, and the page that is kept.
+
+use std::path::Path;
+
+use deltatwin::dynamics::Plant;
+use deltatwin::effects::REGISTRY;
+use deltatwin::machine::Setup;
+use deltatwin::model::Model;
+use deltatwin_io::recording::{Mapping, Preview, Reading, preview};
+use deltatwin_io::{model, recording};
+use deltatwin_report::{Callout, Report};
+use miette::{IntoDiagnostic, miette};
+use serde_json::{Value, json};
+
+use crate::session::Session;
+use crate::studio::{SHIPPED, Studio};
+
+/// Names of the stages in order.
+pub const STAGES: [&str; 5] = ["check", "fit", "where", "why", "add"];
+
+/// The state of the session.
+pub(crate) fn state(studio: &Studio) -> Value {
+    let inner = studio.lock();
+    let session = &inner.session;
+    json!({
+        "revision": inner.revision,
+        "message": inner.message,
+        "job": inner.job.as_ref().map(|job| job.json()),
+        "session": session,
+        "chain": session.chain(),
+        "shipped": SHIPPED.iter().map(|(name, _)| name).collect::<Vec<_>>(),
+        "effects": REGISTRY.iter().map(|e| e.name()).collect::<Vec<_>>(),
+        "folder": studio.folder().display().to_string(),
+        "saved": studio.folder().join(REPORT).is_file(),
+    })
+}
+
+/// Name of the page that is kept.
+pub const REPORT: &str = "report.html";
+
+/// Columns of recording `index`, with what they are read as; of a bag its channels.
+pub(crate) fn columns(studio: &Studio, index: usize) -> miette::Result<Value> {
+    let session = studio.lock().session.clone();
+    let recording = session.recordings.get(index).ok_or_else(|| miette!("there is no such recording"))?;
+    let file = studio.folder().join(&recording.file);
+    let inputs = session.inputs(studio.folder())?;
+    let machine = session.current.and_then(|k| model::read(&studio.folder().join(&session.versions[k].file)).ok());
+    let how = inputs.reading(machine.as_ref().map(|m| m.mechanism));
+    // Later mappings refer to what the first has read, not to columns of the file.
+    let first: &[Mapping] = inputs.maps.get(..1).unwrap_or_default();
+    let read = recording::read_as(&file, &how);
+    let short = |text: String| text.replace(&format!("{}/", studio.folder().display()), "");
+    let problem = read.as_ref().err().map(|e| short(chain(e)));
+    let warnings: Vec<String> = read.as_ref().map(|(_, w)| w.iter().cloned().map(short).collect()).unwrap_or_default();
+    let table = preview(&file, &Reading { maps: first, ..how });
+    let is_table = table.is_ok();
+    let (rows, shown) = match (table, &read) {
+        (Ok(Preview { rows, columns, .. }), _) => {
+            let one = |c: deltatwin_io::recording::PreviewColumn| json!({"name": c.name, "channel": c.channel, "stretches": numbers(&c.stretches), "first": c.first});
+            (rows, columns.into_iter().map(one).collect())
+        }
+        (Err(_), Ok((recording, _))) => (recording.signals.len(), channels(recording)),
+        (Err(e), Err(_)) => return Err(miette!("{}", short(e.to_string()))),
+    };
+    Ok(
+        json!({"file": recording.file, "rows": rows, "table": is_table, "columns": shown, "problem": problem, "warnings": warnings}),
+    )
+}
+
+/// An error with its causes and what was expected.
+fn chain(error: &deltatwin_io::recording::ReadError) -> String {
+    let help = miette::Diagnostic::help(error).map_or(String::new(), |h| format!("; {h}"));
+    format!("{error}{help}")
+}
+
+/// Pairs of numbers; null where there are none.
+fn numbers(stretches: &[[f64; 2]]) -> Value {
+    stretches.iter().map(|pair| if pair[0].is_finite() { json!(pair) } else { Value::Null }).collect()
+}
+
+/// Channels of a recording in the form of columns.
+fn channels(recording: &deltatwin::recording::Recording) -> Value {
+    let s = &recording.signals;
+    let stretch = |series: &dyn Fn(usize) -> f64| {
+        let size = s.len().div_ceil(400).max(1);
+        let ends = |start: usize| {
+            let values = (start..(start + size).min(s.len())).map(series);
+            values.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], x| [a.min(x), b.max(x)])
+        };
+        numbers(&(0..s.len()).step_by(size).map(ends).collect::<Vec<_>>())
+    };
+    let axes = 0..s.mechanism.axes();
+    let column =
+        |name: String, stretches: Value| json!({"name": name, "channel": name, "stretches": stretches, "first": []});
+    let angles = axes.clone().map(|i| column(format!("q{}", i + 1), stretch(&|k| s.q[k][i])));
+    let torques = axes.map(|i| column(format!("tau{}", i + 1), stretch(&|k| s.tau[k][i])));
+    angles.chain(torques).collect()
+}
+
+/// Parameters and effects in which a version differs from the one that it was made from.
+pub(crate) fn difference(studio: &Studio, version: usize) -> miette::Result<Value> {
+    let session = studio.lock().session.clone();
+    let own = session.versions.get(version).ok_or_else(|| miette!("there is no such version"))?;
+    let Some(parent) = own.parent else { return Ok(json!({"effects": [], "parameters": []})) };
+    let read = |file: &str| model::read(&studio.folder().join(file));
+    let (before, after) = (read(&session.versions[parent].file)?, read(&own.file)?);
+    let names = |m: &Model| m.effects.iter().map(|a| a.effect.name().to_string()).collect::<Vec<_>>();
+    let (old, new) = (names(&before), names(&after));
+    let mut effects: Vec<String> = new.iter().filter(|n| !old.contains(n)).map(|n| format!("+ {n}")).collect();
+    effects.extend(old.iter().filter(|n| !new.contains(n)).map(|n| format!("− {n}")));
+    let table = |m: &Model| Plant::new(m, &Setup::default()).parameters();
+    let (earlier, later) = (table(&before), table(&after));
+    let (first, last) = (earlier.values(), later.values());
+    let row = |(i, p): (usize, &deltatwin::dynamics::PlantParameter)| {
+        let was = earlier.index(p.param).map(|k| first[k]);
+        let changed = was.is_none_or(|w| (w - last[i]).abs() > 1e-9 * w.abs().max(last[i].abs()));
+        changed.then(|| json!({"name": p.name, "before": was, "after": last[i], "unit": p.unit.to_string()}))
+    };
+    let rows: Vec<Value> = later.iter().enumerate().filter_map(row).collect();
+    Ok(json!({"effects": effects, "parameters": rows}))
+}
+
+/// Writes the page of the session: its model's chain, the results of all stages, and the commands.
+///
+/// # Errors
+/// If nothing has been done yet, or a file cannot be read or written.
+pub(crate) fn save(folder: &Path, session: &Session) -> miette::Result<()> {
+    let Some(current) = session.current.filter(|_| !session.stages.is_empty()) else {
+        return Err(miette!("there is nothing to save yet"));
+    };
+    let files: Vec<&str> = session.recordings.iter().map(|r| r.file.as_str()).collect();
+    let name = model::read(&folder.join(&session.versions[0].file))?.name;
+    let mut page = Report::new(format!("{name}: session"), format!("with {}", files.join(", ")));
+    let chain = session.chain();
+    page.heading("The error falls");
+    let errors = |k: &usize| session.versions[*k].errors.as_ref();
+    if let Some(last) = errors(&current) {
+        let known: Vec<usize> = chain.iter().copied().filter(|k| errors(k).is_some()).collect();
+        let mut headers = vec![format!("RMS{}", if last.held_out { ", held out" } else { "" })];
+        headers.extend(known.iter().map(|k| session.versions[*k].what.clone()));
+        headers.push("noise floor".into());
+        let row = |c: usize| {
+            let mut cells = vec![format!("{} / {}", last.channels[c], last.units[c])];
+            let value = |k: &usize| errors(k).and_then(|e| e.rms.get(c)).map_or("–".into(), |x| number(*x));
+            cells.extend(known.iter().map(value));
+            cells.push(number(last.noise_floor[c]));
+            cells
+        };
+        let rows: Vec<Vec<String>> = (0..last.channels.len()).map(row).collect();
+        page.table(&headers, &rows);
+    }
+    let titles = [("check", "Check"), ("fit", "Fit"), ("where", "Where"), ("why", "Why"), ("add", "Add")];
+    for (stage, title) in titles {
+        let Some(result) = session.stages.get(stage) else { continue };
+        page.heading(title);
+        page.callout(if result.good { Callout::Note } else { Callout::Bad }, &result.message);
+        let fragment = std::fs::read_to_string(folder.join("stages").join(format!("{stage}.html"))).unwrap_or_default();
+        page.fragment_of(&fragment);
+    }
+    page.heading("The same on the command line");
+    let mut commands: Vec<String> = session.stages.get("check").map(|c| c.command.clone()).into_iter().collect();
+    commands.extend(chain.iter().map(|k| session.versions[*k].command.clone()).filter(|c| !c.is_empty()));
+    commands.extend(session.stages.get("why").map(|c| c.command.clone()));
+    page.commands(&commands.join("\n"));
+    page.write(folder.join(REPORT)).into_diagnostic()
+}
+
+fn number(x: f64) -> String {
+    deltatwin::text::significant(x, 4)
+}

@@ -1,0 +1,102 @@
+//! Delays that are a property of the recording and no effect of the machine.
+
+use super::{Fits, Search};
+use crate::diagnosis::DiagnosisError;
+use crate::diagnosis::judge::{Judged, relative_energy};
+use crate::effects::{self, ActiveEffect};
+use crate::evidence::Chosen;
+use crate::identification::Dataset;
+use crate::identification::fit::Fit;
+use crate::model::Model;
+
+/// Share by which the recorder's delay must lower the mean square error of slow recordings.
+const LAG_GAIN: f64 = 0.1;
+
+/// Name of the effect that is equivalent to a delay of the recorder.
+pub(in crate::diagnosis) const DELAY: &str = "signal_delay";
+
+/// State of a delay that is a property of the recording and no effect, see [`Search::recorded_lag`].
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Lag {
+    /// A delay that is found may be the recorder's.
+    Possible,
+    /// The recorder's delay is in the model.
+    InModel,
+    /// Together with other effects the delay was longer: a delay that is found is an effect.
+    Excluded,
+}
+
+impl Search<'_> {
+    /// The recorder's delay in recordings whose samples are so far apart that the hold of the torques distorts every
+    /// reversal; `None` if they resolve them, or if a delay lowers the error on the fitted or the validation data by less
+    /// than [`LAG_GAIN`].
+    pub(super) fn lag_of_slow_recordings(&self) -> Option<ActiveEffect> {
+        let fitting = self.judge.fitting;
+        if delay(&self.start.fit.model).is_some() || !fitting.datasets.iter().any(Dataset::blurs_reversals) {
+            return None;
+        }
+        let mut model = self.start.fit.model.clone();
+        model.effects.push(ActiveEffect::absent_on(effects::find(DELAY)?, model.host()));
+        // Where no machine with it can be fitted, there is none.
+        let with = self.judge.fit(&model).ok()?;
+        let gains = |without: &[f64], with: &[f64], floor: &[f64]| {
+            relative_energy(with, floor) < (1.0 - LAG_GAIN) * relative_energy(without, floor)
+        };
+        let fitted = gains(&self.start.fit.residuals.rms, &with.fit.residuals.rms, &fitting.noise);
+        let held_out = gains(self.start.rms(), with.rms(), &self.judge.floor);
+        self.recorded_lag(&with.fit).filter(|_| fitted && held_out)
+    }
+
+    /// Adds the recorder's delay to the starting model.
+    pub(super) fn accept_lag(&mut self, late: ActiveEffect) -> Result<(), DiagnosisError> {
+        self.lag = Lag::InModel;
+        let mut model = self.start.fit.model.clone();
+        model.effects.push(late);
+        self.start = self.judge.fit(&model)?;
+        self.fits = Fits::default();
+        if !self.judge.fitting.is_late() {
+            self.problem = self.judge.fitting.problem(&self.start.fit, self.candidates, self.edges)?;
+        }
+        Ok(())
+    }
+
+    /// Removes the recorder's delay from the model: together with the other effects found it is an effect.
+    pub(super) fn exclude_lag(&mut self) {
+        self.lag = Lag::Excluded;
+        (self.start, self.problem) = self.without_lag.clone();
+        self.fits = Fits::default();
+    }
+
+    /// The recorder's delay in a fit, s; `None` if it is not part of the model.
+    pub(super) fn sampling_lag(&self, end: &Judged) -> Option<f64> {
+        delay(&end.fit.model).filter(|_| self.lag == Lag::InModel).map(|late| late.values[0])
+    }
+
+    /// The recorder's delay among the chosen effects, if there is one.
+    pub(super) fn chosen_lag(&self, fit: &Fit, chosen: &[Chosen]) -> Option<ActiveEffect> {
+        let is_chosen = chosen.iter().any(|c| self.shape(c).effect.name() == DELAY);
+        self.recorded_lag(fit).filter(|_| self.lag == Lag::Possible && is_chosen)
+    }
+
+    /// The delay in a fit if sampling explains it, within three standard errors of the estimate: a recorder delays by at
+    /// most half the sampling period. A command is recorded early, by half a period while it is held and by one more if
+    /// it is computed during the period before it acts.
+    pub(super) fn recorded_lag(&self, fit: &Fit) -> Option<ActiveEffect> {
+        let late = delay(&fit.model)?;
+        let own = fit.parameters.iter().find(|p| p.param.effect == DELAY);
+        let std = own.map(|p| p.std).filter(|std| std.is_finite()).unwrap_or(0.0);
+        let period = self.judge.fitting.datasets[0].dt;
+        let most = if late.values[0] < 0.0 { 1.5 * period } else { 0.5 * period };
+        (late.values[0].abs() < most + 3.0 * std).then(|| late.clone())
+    }
+
+    /// Whether `name` is a delay by which the torques are recorded earlier than any controller holds or computes them. With
+    /// a filter of the same time it is the smoothing of the angles, which the torque lacks.
+    pub(super) fn is_too_early(&self, fit: &Fit, name: &str) -> bool {
+        name == DELAY && self.recorded_lag(fit).is_none() && delay(&fit.model).is_some_and(|late| late.values[0] < 0.0)
+    }
+}
+
+fn delay(model: &Model) -> Option<&ActiveEffect> {
+    model.effects.iter().find(|a| a.effect.name() == DELAY)
+}

@@ -1,0 +1,116 @@
+//! The whole loop by one command: its folder, its page, and that its stages are those of the single commands.
+
+use crate::common;
+
+use std::path::Path;
+use std::process::Output;
+
+use assert_cmd::Command;
+use serde_json::Value;
+use tempfile::TempDir;
+
+const AXIS: &str = "models/servo-axis.toml";
+
+fn run(arguments: &[&str]) -> Output {
+    Command::cargo_bin("deltatwin").unwrap().args(arguments).output().unwrap()
+}
+
+fn json(arguments: &[&str]) -> Value {
+    let out = run(&[arguments, &["--json"]].concat());
+    assert_eq!(out.status.code(), Some(0), "{arguments:?}: {}", String::from_utf8_lossy(&out.stderr));
+    serde_json::from_slice(&out.stdout).unwrap()
+}
+
+/// A recording of a single axis, and the name of a folder beside it.
+fn recorded(folder: &TempDir) -> (String, String) {
+    let [csv, results] = ["axis.csv", "results"].map(|n| folder.path().join(n).display().to_string());
+    let done = run(&["simulate", "scenarios/servo-axis.toml", "-o", &csv]);
+    assert_eq!(done.status.code(), Some(0), "{}", String::from_utf8_lossy(&done.stderr));
+    (csv, results)
+}
+
+#[test]
+fn all_stages_are_those_of_the_single_commands() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let (csv, results) = recorded(&folder);
+    let result = json(&["run", AXIS, &csv, "-o", &results]);
+    let at = |name: &str| Path::new(&results).join(name);
+    let kept: Value = serde_json::from_str(&std::fs::read_to_string(at("result.json")).unwrap()).unwrap();
+    assert_eq!(kept, result);
+    assert_eq!((&result["schema"], &result["schema_version"]), (&"deltatwin/result".into(), &1.into()));
+    let inputs = result["inputs"].as_array().unwrap();
+    let sizes: Vec<u64> = inputs.iter().map(|i| i["bytes"].as_u64().unwrap()).collect();
+    assert_eq!(sizes[..2], [AXIS, &csv].map(|f| std::fs::metadata(f).unwrap().len()), "{inputs:?}");
+    assert!(inputs.iter().all(|i| i["sha256"].as_str().unwrap().len() == 64));
+
+    let stages = &result["stages"];
+    assert_eq!(stages["compare"]["delivered"], json(&["compare", AXIS, &csv]));
+    let identified = at("identified.toml").display().to_string();
+    let mut fitted = json(&["identify", AXIS, &csv]);
+    fitted["model"] = "identified.toml".into();
+    assert_eq!(stages["identify"], fitted);
+    let errors = |answer: &Value| answer["rms"][0].as_f64().unwrap();
+    let again = json(&["compare", &identified, &csv]);
+    assert!((errors(&again) / errors(&stages["compare"]["identified"]) - 1.0).abs() < 1e-6, "{again}");
+    let diagnosed = json(&["diagnose", AXIS, &csv]);
+    assert_eq!(stages["diagnose"]["verdict"], diagnosed["verdict"]);
+    assert_eq!(stages["diagnose"]["rms_after"], diagnosed["rms_after"]);
+    let better = json(&["compare", &at("model.toml").display().to_string(), &csv]);
+    let after = diagnosed["rms_after"][0].as_f64().unwrap();
+    assert!((errors(&better) / after - 1.0).abs() < 1e-3, "{better}");
+
+    // Results are not replaced by accident.
+    let twice = run(&["run", AXIS, &csv, "-o", &results]);
+    assert_eq!(twice.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&twice.stderr).contains("--force"));
+    let forced = run(&["run", AXIS, &csv, "-o", &results, "--force"]);
+    let text = String::from_utf8_lossy(&forced.stdout);
+    assert_eq!(forced.status.code(), Some(0));
+    assert!(text.contains("\n  Next\n") && text.lines().all(|l| l.chars().count() <= 100), "{text}");
+}
+
+/// A page stands alone: nothing is loaded, only its own scripts run, and texts of the input are texts.
+#[test]
+fn pages_load_nothing_and_run_no_text_of_a_file() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let (csv, _) = recorded(&folder);
+    let evil = folder.path().join("<img src=x onerror=alert(1)>.csv").display().to_string();
+    std::fs::copy(&csv, &evil).unwrap();
+    let model = folder.path().join("better.toml").display().to_string();
+    let commands: [(&str, &[&str]); 4] = [
+        ("compare", &[AXIS, &evil]),
+        ("identify", &[AXIS, &evil]),
+        ("diagnose", &[AXIS, &evil]),
+        ("add", &[AXIS, "drive_stribeck", &evil, "-o", &model]),
+    ];
+    for (name, arguments) in commands {
+        let page = folder.path().join(format!("{name}.html")).display().to_string();
+        let out = run(&[&[name], arguments, &["--report", &page]].concat());
+        assert_eq!(out.status.code(), Some(0), "{name}: {}", String::from_utf8_lossy(&out.stderr));
+        let text = std::fs::read_to_string(&page).unwrap();
+        assert!(text.contains("Content-Security-Policy") && text.contains("default-src 'none'"), "{name}");
+        assert!(text.contains("&lt;img src=x") && !text.contains("<img"), "{name}");
+        for outside in ["src=\"http", "href=\"http", "url(http", "@import"] {
+            assert!(!text.contains(outside), "{name}: {outside}");
+        }
+        assert!(text.len() < 3_000_000 && text.contains("data-signals"), "{name}: {}", text.len());
+    }
+    let taken = run(&["compare", AXIS, &csv, "--report", &csv]);
+    assert_eq!(taken.status.code(), Some(2));
+}
+
+/// A recording of another machine or sign stops the run before anything is fitted or written.
+#[test]
+fn a_wrong_recording_stops_the_run() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let (csv, results) = recorded(&folder);
+    let out = run(&["run", AXIS, &csv, "--map", "tau1=-tau1", "-o", &results, "--json"]);
+    assert_eq!(out.status.code(), Some(2));
+    let answer: Value = serde_json::from_slice(&out.stdout).unwrap();
+    let message = answer["error"]["message"].as_str().unwrap();
+    assert!(message.contains("Nothing was fitted") && message.contains("remedy: --map"), "{message}");
+    assert!(!Path::new(&results).exists());
+}

@@ -1,0 +1,190 @@
+//! The studio's server: who may ask, what a stranger's files change, and that a killed server loses nothing.
+
+use crate::common;
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+use tempfile::TempDir;
+
+/// A running studio.
+struct Studio {
+    process: Child,
+    host: String,
+    token: String,
+}
+
+impl Studio {
+    fn open(folder: &Path) -> Self {
+        let mut process = Command::new(env!("CARGO_BIN_EXE_deltatwin"))
+            .args(["studio", &folder.display().to_string(), "--json"])
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        BufReader::new(process.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let answer: Value = serde_json::from_str(&line).unwrap();
+        let url = answer["url"].as_str().unwrap().strip_prefix("http://").unwrap().to_string();
+        let (host, token) = url.split_once("/?token=").unwrap();
+        Self { process, host: host.into(), token: token.into() }
+    }
+
+    /// Status and body of the answer to a request.
+    fn ask(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &[u8]) -> (u16, String) {
+        let mut stream = TcpStream::connect(&self.host).unwrap();
+        let mut head = format!("{method} {path} HTTP/1.1\r\nConnection: close\r\nContent-Length: {}\r\n", body.len());
+        headers.iter().for_each(|(name, value)| head += &format!("{name}: {value}\r\n"));
+        if !headers.iter().any(|(name, _)| *name == "Host") {
+            head += &format!("Host: {}\r\n", self.host);
+        }
+        stream.write_all((head + "\r\n").as_bytes()).unwrap();
+        // A refused request may not be read to its end.
+        let _ = stream.write_all(body);
+        let mut answer = Vec::new();
+        let _ = stream.read_to_end(&mut answer);
+        let text = String::from_utf8_lossy(&answer).into_owned();
+        let status = text.split(' ').nth(1).and_then(|s| s.parse().ok()).unwrap_or(0);
+        (status, text.split_once("\r\n\r\n").map_or(String::new(), |(_, body)| body.into()))
+    }
+
+    fn own(&self, method: &str, path: &str, body: &[u8]) -> (u16, Value) {
+        let (status, body) = self.ask(method, path, &[("x-token", &self.token)], body);
+        (status, serde_json::from_str(&body).unwrap_or(Value::String(body)))
+    }
+
+    fn act(&self, request: Value) -> Value {
+        let (status, state) = self.own("POST", "/api/do", request.to_string().as_bytes());
+        assert_eq!(status, 200, "{request}: {state}");
+        state
+    }
+
+    /// The state after the work that goes on.
+    fn rested(&self) -> Value {
+        let begun = Instant::now();
+        loop {
+            let (_, state) = self.own("GET", "/api/state", b"");
+            if state["job"].is_null() {
+                return state;
+            }
+            assert!(begun.elapsed() < Duration::from_secs(300), "{state}");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    fn done(&self, request: Value) -> Value {
+        self.act(request.clone());
+        let state = self.rested();
+        assert_eq!(state["message"], "", "{request}");
+        state
+    }
+}
+
+impl Drop for Studio {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+fn axis(folder: &Path) -> Vec<u8> {
+    let csv = folder.join("axis.csv");
+    let done = Command::new(env!("CARGO_BIN_EXE_deltatwin"))
+        .args(["simulate", "scenarios/servo-axis.toml", "-o", &csv.display().to_string()])
+        .output()
+        .unwrap();
+    assert!(done.status.success());
+    std::fs::read(csv).unwrap()
+}
+
+#[test]
+fn only_who_has_the_token_is_answered() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let studio = Studio::open(&folder.path().join("session"));
+    let (token, path) = (studio.token.clone(), "/api/state");
+    assert_eq!(studio.ask("GET", path, &[], b"").0, 403);
+    assert_eq!(studio.ask("GET", path, &[("x-token", "0123")], b"").0, 403);
+    assert_eq!(studio.ask("GET", path, &[("x-token", &token)], b"").0, 200);
+    // A name that was made to point to this machine.
+    assert_eq!(studio.ask("GET", path, &[("x-token", &token), ("Host", "evil.example")], b"").0, 403);
+    let (status, page) = studio.ask("GET", &format!("/?token={token}"), &[], b"");
+    assert!(status == 200 && page.contains("deltatwin studio") && !page.contains(&token));
+    for escape in ["../Cargo.toml", "%2e%2e%2fsecret.toml", "/etc/passwd", "models/../../x.toml", "session.csv"] {
+        let (status, _) = studio.ask("GET", &format!("/api/file?name={escape}"), &[("x-token", &token)], b"");
+        assert_eq!(status, 404, "{escape}");
+    }
+    assert_eq!(studio.ask("GET", "/api/stage?name=../session", &[("x-token", &token)], b"").0, 404);
+}
+
+#[test]
+fn bad_files_change_nothing_but_a_message() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let studio = Studio::open(&folder.path().join("session"));
+    let before = studio.rested()["session"].clone();
+    let bad: [(&str, &[u8]); 4] = [
+        ("..%2F..%2Fescape.csv", &[0, 1, 2, 255, 0]),
+        ("%3Cscript%3E.csv", b""),
+        ("model.toml", b"[geometry]\nx = 1\n"),
+        ("run.mcap", b"\x89MCAP0\r\nnothing"),
+    ];
+    for (name, content) in bad {
+        let (status, answer) = studio.own("POST", &format!("/api/file?name={name}"), content);
+        assert!(status == 400 && answer["error"].as_str().is_some_and(|e| !e.is_empty()), "{name}: {answer}");
+    }
+    for request in
+        [json!({"do": "fly"}), json!({"do": "fit"}), json!({"do": "undo"}), json!({"do": "version", "version": 9})]
+    {
+        assert_eq!(studio.own("POST", "/api/do", request.to_string().as_bytes()).0, 400, "{request}");
+    }
+    assert_eq!(studio.own("POST", "/api/do", b"no json").0, 400);
+    let how = json!({"do": "read", "how": {"maps": ["q1=["]}});
+    assert_eq!(studio.own("POST", "/api/do", how.to_string().as_bytes()).0, 400);
+    assert_eq!(studio.rested()["session"], before);
+    assert!(!folder.path().join("escape.csv").exists());
+}
+
+#[test]
+fn the_loop_goes_on_after_a_kill() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let session = folder.path().join("session");
+    let csv = axis(folder.path());
+    let studio = Studio::open(&session);
+    assert_eq!(studio.own("POST", "/api/file?name=axis.csv", &csv).0, 200);
+    studio.act(json!({"do": "shipped", "model": "servo-axis.toml"}));
+    // A turned torque is told, and its remedy heals it.
+    studio.act(json!({"do": "read", "how": {"maps": ["tau1=-tau1"]}}));
+    let state = studio.done(json!({"do": "check"}));
+    let check = &state["session"]["stages"]["check"];
+    assert_eq!(check["good"], false, "{check}");
+    let remedy = check["remedies"].as_array().unwrap().iter().find(|r| r["kind"] == "map").unwrap()["text"].clone();
+    assert_eq!(studio.own("POST", "/api/do", json!({"do": "fit"}).to_string().as_bytes()).0, 400);
+    studio.act(json!({"do": "read", "how": {"maps": ["tau1=-tau1", remedy]}}));
+    let state = studio.done(json!({"do": "check"}));
+    assert_eq!(state["session"]["stages"]["check"]["good"], true, "{state}");
+    studio.done(json!({"do": "fit"}));
+    let state = studio.done(json!({"do": "add", "effect": "drive_stribeck"}));
+    let rms = |state: &Value, k: usize| state["session"]["versions"][k]["errors"]["rms"][0].as_f64().unwrap();
+    assert!(rms(&state, 1) <= rms(&state, 0) && rms(&state, 2) <= 1.001 * rms(&state, 1), "{state}");
+    assert_eq!(state["chain"], json!([0, 1, 2]));
+    let kept = state["session"].clone();
+    drop(studio);
+
+    let studio = Studio::open(&session);
+    assert_eq!(studio.rested()["session"], kept);
+    let (status, part) = studio.ask("GET", "/api/stage?name=where", &[("x-token", &studio.token)], b"");
+    assert!(status == 200 && part.contains("data-signals"));
+    assert_eq!(studio.act(json!({"do": "undo"}))["session"]["current"], 1);
+    studio.act(json!({"do": "save"}));
+    let page = std::fs::read_to_string(session.join("report.html")).unwrap();
+    assert!(page.contains("Content-Security-Policy") && page.contains("data-signals"));
+    // The command line goes on with the files of the session.
+    let command = kept["versions"][1]["command"].as_str().unwrap().replace("'", "");
+    let words: Vec<&str> = command.split(' ').skip(1).filter(|w| *w != "--map" && !w.starts_with("tau1=")).collect();
+    assert_eq!(words[..2], ["identify", "models/servo-axis.toml"], "{command}");
+}
