@@ -97,11 +97,6 @@ pub fn run<T: Send + 'static>(
     }
 }
 
-/// The result of `work` with the interpreter free, on the calling thread; for what takes less than a second.
-pub fn free<T: Send>(py: Python, work: impl FnOnce() -> T + Send) -> T {
-    py.detach(work)
-}
-
 /// What a computation's progress is told to: a bar of `tqdm` if that is installed, a function of one's own, or nothing.
 pub struct Bar<'py> {
     tell: Option<Bound<'py, PyAny>>,

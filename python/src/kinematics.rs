@@ -10,7 +10,6 @@ use pyo3::prelude::*;
 
 use crate::arrays::{self, Rows, States};
 use crate::errors;
-use crate::interrupt::free;
 use crate::model::Model;
 use crate::setup::Setup;
 
@@ -119,7 +118,7 @@ impl Model {
         needs_platform(py, &plant)?;
         let rows = Rows::of(q, "q", self.dof())?;
         let (values, width) = (rows.values()?, rows.width);
-        let all = free(py, || {
+        let all = py.detach(|| {
             let mut out = Vec::with_capacity(3 * rows_of(values, width));
             for (k, q) in values.chunks_exact(width).enumerate() {
                 let position = plant.geometry.forward(q).map_err(|e| impossible(e, k))?;
@@ -153,7 +152,7 @@ impl Model {
             return Err(PyValueError::new_err(format!("psi: expected a number, or {} numbers", rows.len)));
         }
         let (values, dof) = (rows.values()?, self.dof());
-        let all = free(py, || {
+        let all = py.detach(|| {
             let mut out = Vec::with_capacity(dof * rows_of(values, 3));
             for (k, at) in values.chunks_exact(3).enumerate() {
                 let arms = plant.geometry.inverse(&Vector3::new(at[0], at[1], at[2])).map_err(|e| impossible(e, k))?;
@@ -176,7 +175,7 @@ impl Model {
         needs_platform(py, &plant)?;
         let rows = Rows::of(q, "q", self.dof())?;
         let (values, dof) = (rows.values()?, rows.width);
-        let all = free(py, || {
+        let all = py.detach(|| {
             let mut out = Vec::with_capacity(3 * dof * rows_of(values, dof));
             for (k, q) in values.chunks_exact(dof).enumerate() {
                 let position = plant.geometry.forward(q).map_err(|e| impossible(e, k))?;
@@ -206,7 +205,7 @@ impl Model {
         let states = States::of(q, qd, qdd, self.dof())?;
         let view = states.view()?;
         let one = |k: usize| plant.motion(&view.at(k)).map_err(|e| impossible(e, k));
-        Ok(Motion { all: free(py, || (0..view.len).map(one).collect::<PyResult<_>>())? })
+        Ok(Motion { all: py.detach(|| (0..view.len).map(one).collect::<PyResult<_>>())? })
     }
 }
 

@@ -121,6 +121,8 @@ fn function(effect: &dyn Effect) -> Option<&Function> {
 pub fn evaluate(py: Python, model: &model::Model, others: &[Arc<dyn Effect>], data: &Data) -> PyResult<()> {
     let own = model.effects.iter().map(|a| &a.effect);
     for law in own.chain(others).filter_map(|effect| function(&**effect)) {
+        // What earlier recordings needed is not kept.
+        law.known.write().unwrap_or_else(PoisonError::into_inner).clear();
         for dataset in data.datasets.iter().chain(&data.held_out) {
             let samples: Vec<(f64, JointState)> =
                 dataset.t.iter().copied().zip(dataset.joints.iter().copied()).collect();

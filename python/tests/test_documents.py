@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import os
 import re
 import subprocess
@@ -52,6 +53,16 @@ def test_block_of_the_main_page(tmp_path, monkeypatch, runs):
     (block,) = blocks(ROOT / "README.md")
     exec(compile(block, "README.md", "exec"), {})  # noqa: S102
     assert dt.Model.load(tmp_path / "better.toml").history == ["ball_socket_coulomb"]
+
+
+def test_examples_of_docstrings():
+    runner = doctest.DocTestRunner()
+    texts = {"deltatwin": dt.__doc__, "with_effect": dt.Model.with_effect.__doc__}
+    for name, text in texts.items():
+        case = doctest.DocTestParser().get_doctest(text or "", {"dt": dt}, name, None, 0)
+        assert case.examples, name
+        runner.run(case)
+    assert runner.summarize().failed == 0
 
 
 def test_docstrings_say_what_is_needed():

@@ -144,3 +144,26 @@ fn channels(signals: &Signals) -> Vec<Channel<'_>> {
     }
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::machine::{Joint, Mechanism};
+
+    #[test]
+    fn columns_are_those_of_the_axes_that_there_are() {
+        let signals = Signals {
+            mechanism: Mechanism::axis(Joint::Prismatic),
+            t: vec![0.0, 0.1],
+            q: vec![[1.0, 9.0, 9.0, 9.0], [2.0, 9.0, 9.0, 9.0]],
+            tau: vec![[3.0, 9.0, 9.0, 9.0], [4.0, 9.0, 9.0, 9.0]],
+            ..Signals::default()
+        };
+        let expected = [
+            ("t".to_string(), Unit::S, vec![0.0, 0.1]),
+            ("q1".to_string(), Unit::M, vec![1.0, 2.0]),
+            ("tau1".to_string(), Unit::N, vec![3.0, 4.0]),
+        ];
+        assert_eq!(signals.columns(), expected);
+    }
+}

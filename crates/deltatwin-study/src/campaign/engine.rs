@@ -208,7 +208,7 @@ impl Campaign {
     }
 
     /// Makes the runs of `chunk` out of `runs` that are not there yet, on all threads of the current pool, and writes
-    /// its part. `work` makes the row of a run.
+    /// its part. `work` makes the row of a run. The caller collects the rows: it must not be the only thread of its pool.
     ///
     /// # Errors
     /// If a file cannot be used, `work` fails, or the watch asks to stop.
