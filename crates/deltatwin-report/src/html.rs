@@ -187,6 +187,7 @@ impl Report {
             text => format!("<p class=\"subtitle\">{}</p>\n", escape(text)),
         };
         let own: &[&str] = if self.interactive { &[UPLOT, PAGE] } else { &[] };
+        let licence = if self.interactive { format!("<!-- uPlot 1.6.32\n{UPLOT_LICENCE}-->\n") } else { String::new() };
         let scripts: String = own.iter().map(|script| format!("<script>{script}</script>\n")).collect();
         let policy = policy(own);
         format!(
@@ -194,7 +195,7 @@ impl Report {
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
              <meta http-equiv=\"Content-Security-Policy\" content=\"{policy}\">\n\
              <title>{title}</title>\n<style>{CSS}{CURVES_CSS}</style>\n</head>\n<body>\n<main>\n\
-             <header>\n<h1>{title}</h1>\n{subtitle}</header>\n{}</main>\n{scripts}</body>\n</html>\n",
+             <header>\n<h1>{title}</h1>\n{subtitle}</header>\n{}</main>\n{licence}{scripts}</body>\n</html>\n",
             self.body
         )
     }
@@ -230,6 +231,7 @@ fn policy(scripts: &[&str]) -> String {
 
 /// Scripts that draw the curves: uPlot 1.6.32 (MIT, `assets/uplot/LICENSE`), and the page's own.
 pub const UPLOT: &str = include_str!("../assets/uplot/uPlot.iife.min.js");
+const UPLOT_LICENCE: &str = include_str!("../assets/uplot/LICENSE");
 /// Reads the data of [`crate::component::signals`] and draws them.
 pub const PAGE: &str = include_str!("../assets/page.js");
 /// Style of the curves and of the components of pages about models.

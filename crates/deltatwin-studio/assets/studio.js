@@ -321,6 +321,7 @@
   function columnTable(box, c) {
     element(box, "h3", {}, `${c.file.replace("data/", "")}: ${c.rows} ${c.table ? "rows" : "samples"}`);
     if (c.problem) element(box, "div", { class: "callout bad" }, c.problem);
+    const cure = element(box, "p");
     if (c.warnings.length) { const d = element(box, "details"); element(d, "summary", { class: "small" }, c.warnings.length === 1 ? "1 remark of the reader" : `${c.warnings.length} remarks of the reader`); const ul = element(d, "ul", { class: "small" }); for (const w of c.warnings) element(ul, "li", {}, w); }
     const wide = element(box, "div", { class: "wide" }), table = element(wide, "table", { class: "map" });
     const head = element(element(table, "thead"), "tr");
@@ -340,6 +341,13 @@
       const turned = element(element(tr, "td"), "input", { type: "checkbox", "aria-label": `sign of ${column.name} turned` });
       rows.push({ column, is, unit, turned });
     }
+    let apply = null;
+    if (c.problem?.includes("looks like degrees")) {
+      const angles = rows.filter(r => /^q[1-4]$/.test(r.is.value));
+      const b = element(cure, "button", { type: "button", class: "file" }, "the angles are in degrees: read them so");
+      b.disabled = busy() || !angles.length;
+      b.onclick = () => { for (const r of angles) r.unit.value = "deg"; apply.click(); };
+    }
     const how = state.session.how, fields = element(box, "div", { class: "fields" });
     const field = (label, key) => { const i = element(element(fields, "label", {}, label + " "), "input", { type: "number", step: "any", min: "0" }); i.value = how[key] ?? ""; return [key, i]; };
     const numbers = [field("payload / kg", "payload_mass"), field("samples per second, without times", "rate"), field("gear ratio of the motor’s side", "gear_ratio")];
@@ -352,7 +360,7 @@
         b.onclick = () => act({ do: "read", how: { ...how, maps: how.maps.filter((_, i) => i !== k) } });
       });
     }
-    const apply = element(element(box, "p"), "button", { type: "button", class: "go" }, "Read it so");
+    apply = element(element(box, "p"), "button", { type: "button", class: "go" }, "Read it so");
     apply.disabled = busy();
     apply.onclick = () => {
       const quote = name => name.includes("'") ? `"${name}"` : `'${name}'`;

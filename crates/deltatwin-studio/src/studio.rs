@@ -72,6 +72,7 @@ impl Studio {
         std::fs::create_dir_all(folder).into_diagnostic()?;
         let folder = folder.canonicalize().into_diagnostic()?;
         let session = Session::read(&folder)?;
+        upload::clean(&folder);
         let inner = Inner { session, job: None, revision: 1, message: String::new(), data: None };
         Ok(Self { folder, inner: Mutex::new(inner) })
     }

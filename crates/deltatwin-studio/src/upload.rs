@@ -14,6 +14,9 @@ pub const MOST_BYTES: u64 = 512 << 20;
 /// Largest number of characters of a name.
 const LONGEST: usize = 80;
 
+/// Beginning of the names of folders in which files are judged.
+const INCOMING: &str = ".incoming-";
+
 /// A file that was kept.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Kept {
@@ -47,18 +50,21 @@ pub fn keep(folder: &Path, name: &str, source: &mut dyn Read) -> miette::Result<
     let is_setup = safe.to_ascii_lowercase().ends_with(".setup.toml");
     let place = if is_toml && !is_setup { "models" } else { "data" };
     // It is judged under its own ending, in a folder of its own that goes away with it.
-    let trial = folder.join("incoming");
+    let trial = folder.join(format!("{INCOMING}{}", unique()?));
     std::fs::create_dir_all(&trial).into_diagnostic()?;
-    let trial_file = trial.join(format!("{}-{safe}", unique()?));
+    let trial_file = trial.join(&safe);
     let kept = receive(&trial_file, &safe, source).and_then(|()| judge(&trial_file, &safe));
-    let result = match kept {
-        Ok(found) => place_of(folder, place, &safe, &trial_file).map(found),
-        Err(e) => Err(e),
-    };
-    let _ = std::fs::remove_file(&trial_file);
-    // Only if it is empty.
-    let _ = std::fs::remove_dir(&trial);
+    let result = kept.and_then(|found| place_of(folder, place, &safe, &trial_file).map(found));
+    let _ = std::fs::remove_dir_all(&trial);
     result
+}
+
+/// Removes what uploads left that a killed server did not end.
+pub fn clean(folder: &Path) {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    for entry in entries.filter(|e| e.file_name().to_string_lossy().starts_with(INCOMING)) {
+        let _ = std::fs::remove_dir_all(entry.path());
+    }
 }
 
 fn unique() -> miette::Result<String> {
@@ -176,7 +182,7 @@ mod tests {
         for (name, content) in bad {
             let refused = keep(folder.path(), name, &mut &content[..]);
             assert!(refused.is_err(), "{name}");
-            assert!(!refused.unwrap_err().to_string().contains("incoming"), "{name}");
+            assert!(!refused.unwrap_err().to_string().contains(INCOMING), "{name}");
         }
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }

@@ -15,20 +15,21 @@ pub fn add(report: &mut Report, prior: &ParamTable, stages: &[(&str, &[Estimate]
     let Some((_, last)) = stages.last() else { return };
     let values = prior.values();
     let mut html = String::from(
-        "<div class=\"wide\"><table class=\"parameters\"><thead><tr><th>parameter</th><th class=\"n\">model</th>",
+        "<div class=\"wide\"><table class=\"parameters\"><thead><tr><th>parameter</th><th>± 2 std, dashed: model</th><th class=\"n\">model</th>",
     );
     for (name, _) in stages {
         let _ = write!(html, "<th class=\"n\">{}</th>", escape(name));
     }
-    html.push_str("<th>unit</th><th>± 2 std, dashed: model</th></tr></thead><tbody>\n");
+    html.push_str("<th>unit</th></tr></thead><tbody>\n");
     for p in last.iter().filter(|p| p.identified()) {
         let own = prior.index(p.param).map(|i| values[i]);
         let of = |estimates: &&[Estimate]| estimates.iter().find(|e| e.param == p.param && e.identified()).cloned();
         let all: Vec<Option<Estimate>> = stages.iter().map(|(_, estimates)| of(estimates)).collect();
         let _ = write!(
             html,
-            "<tr><td><code>{}</code></td><td class=\"n\">{}</td>",
+            "<tr><td><code>{}</code></td><td>{}</td><td class=\"n\">{}</td>",
             escape(&p.name),
+            intervals(own, &all),
             own.map_or("–".into(), number)
         );
         for estimate in &all {
@@ -37,7 +38,7 @@ pub fn add(report: &mut Report, prior: &ParamTable, stages: &[(&str, &[Estimate]
                 .map_or("–".into(), |e| format!("{} ± {}", number(e.value), deltatwin::text::significant(e.std, 2)));
             let _ = write!(html, "<td class=\"n\">{text}</td>");
         }
-        let _ = writeln!(html, "<td>{}</td><td>{}</td></tr>", escape(&p.unit.to_string()), intervals(own, &all));
+        let _ = writeln!(html, "<td>{}</td></tr>", escape(&p.unit.to_string()));
     }
     html.push_str("</tbody></table></div>");
     report.push(html);
