@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Crates that only those around the library may use.
-const OUTSIDE: [&str; 23] = [
+const OUTSIDE: &[&str] = &[
     "clap",
     "clap_complete",
     "clap_mangen",
@@ -33,7 +33,7 @@ const OUTSIDE: [&str; 23] = [
 ];
 
 /// Crates that one of those around the library alone uses, and which one.
-const ALONE: [(&str, &str); 11] = [
+const ALONE: &[(&str, &str)] = &[
     ("csv", "deltatwin-io"),
     ("mcap", "deltatwin-io"),
     ("mesh-loader", "deltatwin-cell"),
