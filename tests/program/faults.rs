@@ -77,7 +77,8 @@ fn killed_runs_lose_nothing_that_was_handed_on() {
         assert_eq!(child.wait().unwrap().signal(), Some(9));
         let (had, has) = (samples(&copy), samples(&partial(&target)));
         tried += 1;
-        lost += usize::from(has < had || has == 0);
+        // In the first instants, there is no recording yet.
+        lost += usize::from(has < had);
         most = most.max(has);
         assert!(!target.exists(), "a recording that is not complete has no final name");
         fs::remove_file(partial(&target)).unwrap();

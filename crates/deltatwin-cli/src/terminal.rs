@@ -93,7 +93,7 @@ pub fn spinner(what: &str) -> ProgressBar {
 static STOP: AtomicBool = AtomicBool::new(false);
 
 /// Time that a command has to end by itself, s.
-const GRACE: f64 = 0.9;
+const GRACE: f64 = 0.8;
 
 /// Installs a handler for Ctrl-C and the request to terminate that sets the flag of [`interrupted`]; a second one, or
 /// almost a second without an end, ends the process.
