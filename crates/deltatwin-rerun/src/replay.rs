@@ -114,9 +114,10 @@ impl Replay<'_> {
                 let path = format!("residual/axis{}/{name}", i + 1);
                 series.push(Series { path, times: times.to_vec(), values, color, label: format!("{label} [{unit}]") });
             };
-            add("residual", &dataset.t, left.series[0][i].clone(), RESIDUAL, "residual");
+            // Of white noise averaged over a frame.
+            let band = BAND * noise[i] / (stride as f64).sqrt();
             for (name, sign) in [("noise_above", 1.0), ("noise_below", -1.0)] {
-                add(name, &times, vec![sign * BAND * noise[i]; times.len()], NOISE, "2 σ of the noise");
+                add(name, &times, vec![sign * band; times.len()], NOISE, "2 σ of the noise in it");
             }
             add("mean", &times, before[i].clone(), MEAN, "mean over 20 ms");
             if let Some(after) = &after {
@@ -128,6 +129,11 @@ impl Replay<'_> {
             let (path, label) = (format!("torque/axis{}/model", i + 1), format!("model [{unit}]"));
             let (times, values) = (dataset.t.clone(), predicted[i].clone());
             series.push(Series { path, times, values, color: PREDICTED, label });
+        }
+        for i in 0..axes {
+            let (path, label) = (format!("samples/axis{}/residual", i + 1), format!("residual [{unit}]"));
+            let (times, values) = (dataset.t.clone(), left.series[0][i].clone());
+            series.push(Series { path, times, values, color: RESIDUAL, label });
         }
         let mut scene = Scene::new(plant.mechanism, &plant.geometry, times, poses);
         let sigma = |f: usize, i: usize| before[i][f] / noise[i].max(f64::MIN_POSITIVE);

@@ -105,12 +105,16 @@ impl Mesh {
         self
     }
 
-    /// The mesh for Rerun.
-    pub fn solid(&self, [r, g, b]: [u8; 3]) -> a::Mesh3D {
+    /// The mesh for Rerun, without colour.
+    pub fn bare(&self) -> a::Mesh3D {
         a::Mesh3D::new(self.corners.iter().map(|c| point(*c)))
             .with_vertex_normals(self.normals.iter().map(|n| point(*n)))
             .with_triangle_indices(self.triangles.iter().copied())
-            .with_albedo_factor(rerun::Rgba32::from_rgb(r, g, b))
+    }
+
+    /// The mesh for Rerun with a colour for all times.
+    pub fn solid(&self, [r, g, b]: [u8; 3]) -> a::Mesh3D {
+        self.bare().with_albedo_factor(rerun::Rgba32::from_rgb(r, g, b))
     }
 }
 

@@ -160,7 +160,7 @@ fn lone(rec: &RecordingStream, joint: Joint) -> Outcome {
     rod(rec, LONE, end, ARM_RADIUS)
 }
 
-/// Logs a rod from the body's origin to `end` (m).
+/// Logs a rod from the body's origin to `end` (m), without colour: one for all times would hide those of [`paint`].
 fn rod(rec: &RecordingStream, entity: &str, end: Vector3<f64>, radius: f64) -> Outcome {
     let length = end.norm();
     let Some(axis) = end.try_normalize(1e-9) else { return Ok(()) };
@@ -173,7 +173,7 @@ fn rod(rec: &RecordingStream, entity: &str, end: Vector3<f64>, radius: f64) -> O
         (length, radius - chamfer),
         (length, 0.0),
     ];
-    rec.log_static(entity, &Mesh::lathe(Vector3::zeros(), axis, &profile).solid(STEEL))?;
+    rec.log_static(entity, &Mesh::lathe(Vector3::zeros(), axis, &profile).bare())?;
     Ok(())
 }
 
@@ -185,7 +185,7 @@ fn arm(rec: &RecordingStream, entity: &str, g: &Geometry) -> Outcome {
     let wide = 1.4 * ARM_RADIUS;
     let hub = Mesh::lathe(Vector3::zeros(), Vector3::y(), &[(-wide, 0.0), (-wide, wide), (wide, wide), (wide, 0.0)]);
     let beam = Mesh::beam(tube, [0.9 * ARM_RADIUS, 1.3 * ARM_RADIUS], [0.5 * ARM_RADIUS, 0.6 * ARM_RADIUS]);
-    rec.log_static(entity, &hub.and(beam).solid(STEEL))?;
+    rec.log_static(entity, &hub.and(beam).bare())?;
     let neck = Mesh::lathe(Vector3::x() * tube, Vector3::x(), &[(0.0, 0.012), (g.arm_length - tube, 0.007)]);
     let bar = Mesh::lathe(elbow, Vector3::y(), &[(-half, 0.0), (-half, 0.006), (half, 0.006), (half, 0.0)]);
     rec.log_static(format!("{entity}/neck"), &neck.and(bar).solid(BRASS))?;
@@ -198,13 +198,13 @@ fn strut(rec: &RecordingStream, entity: &str, length: f64) -> Outcome {
     let (depth, wall) = CUP;
     let (begin, end) = (depth, (length - depth).max(depth));
     let tube = [(begin, 0.0), (begin, STRUT_RADIUS), (end, STRUT_RADIUS), (end, 0.0)];
-    rec.log_static(entity, &Mesh::lathe(Vector3::zeros(), Vector3::x(), &tube).solid(CARBON))?;
+    rec.log_static(entity, &Mesh::lathe(Vector3::zeros(), Vector3::x(), &tube).bare())?;
     // Seen from outside: a bowl around the ball that narrows to the tube.
     let wide = BALL_RADIUS + wall;
     let bowl = [(-0.3 * depth, BALL_RADIUS), (-0.3 * depth, wide), (0.5 * depth, wide), (1.6 * depth, STRUT_RADIUS)];
     for (name, base, axis) in [(CUPS[0], 0.0, Vector3::x()), (CUPS[1], length, -Vector3::x())] {
         let cup = Mesh::lathe(Vector3::x() * base, axis, &bowl);
-        rec.log_static(format!("{entity}/{name}"), &cup.solid(STEEL))?;
+        rec.log_static(format!("{entity}/{name}"), &cup.bare())?;
     }
     Ok(())
 }
@@ -221,24 +221,35 @@ fn paint(rec: &RecordingStream, entity: &str, scene: &Scene, b: usize) -> Outcom
         rec.send_columns(entity, [frames(&scene.times)], colors.columns_of_unit_batches()?)?;
         Ok(())
     };
+    let always = |entity: &str, usual: [u8; 3]| -> Outcome {
+        rec.log_static(entity, &a::Mesh3D::update_fields().with_albedo_factor(color(usual)))?;
+        Ok(())
+    };
     let axis = match b {
         ARM..STRUT => Some(b - ARM),
         TELESCOPE_UPPER | TELESCOPE_LOWER => Some(3),
         _ => None,
     };
-    if let (Some(residual), Some(axis)) = (&scene.residual, axis) {
-        return send(entity, residual.iter().map(|r| color(heat(r[axis]))).collect());
-    }
-    if !(STRUT..PLATFORM).contains(&b) {
-        return Ok(());
+    match (&scene.residual, axis) {
+        (Some(residual), Some(axis)) => {
+            return send(entity, residual.iter().map(|r| color(heat(r[axis]))).collect());
+        }
+        (None, Some(_)) => return always(entity, STEEL),
+        _ if !(STRUT..PLATFORM).contains(&b) => return Ok(()),
+        _ => {}
     }
     let s = b - STRUT;
     let is_loose = |k: usize| scene.loose.as_ref().is_some_and(|loose| loose[k][s]);
     let tint = |k: usize, used: f64, usual: [u8; 3]| color(if is_loose(k) { LOOSE } else { strain(usual, used) });
     let count = scene.times.len();
     let Some(used) = &scene.used else {
-        let colors = (0..count).map(|k| tint(k, 0.0, CARBON)).collect();
-        return if scene.loose.is_some() { send(entity, colors) } else { Ok(()) };
+        for name in CUPS {
+            always(&format!("{entity}/{name}"), STEEL)?;
+        }
+        return match &scene.loose {
+            Some(_) => send(entity, (0..count).map(|k| tint(k, 0.0, CARBON)).collect()),
+            None => always(entity, CARBON),
+        };
     };
     let larger = |k: usize| used[k][s].max(used[k][STRUTS + s]);
     send(entity, (0..count).map(|k| tint(k, larger(k), CARBON)).collect())?;
@@ -258,7 +269,7 @@ fn spring_entity(pair: usize, end: usize) -> String {
 fn springs(rec: &RecordingStream, g: &Geometry) -> Outcome {
     let coil = spring([Vector3::zeros(), Vector3::x() * g.pair_distance], SPRINGS.1, SPRINGS.2);
     for (pair, end) in (0..ARMS).flat_map(|pair| [(pair, 0), (pair, 1)]) {
-        let coil = a::LineStrips3D::new([coil.clone()]).with_colors([color(STEEL)]).with_radii([WIRE]);
+        let coil = a::LineStrips3D::new([coil.clone()]).with_colors([color(STEEL)]);
         rec.log_static(spring_entity(pair, end), &coil)?;
     }
     Ok(())
@@ -279,6 +290,8 @@ fn springs_motion(rec: &RecordingStream, scene: &Scene) -> Outcome {
             let radius = |open: &[bool; STRUTS]| if open[2 * pair] || open[2 * pair + 1] { 0.0 } else { WIRE };
             let columns = a::LineStrips3D::update_fields().with_radii(loose.iter().map(radius));
             rec.send_columns(entity, [frames(&scene.times)], columns.columns_of_unit_batches()?)?;
+        } else {
+            rec.log_static(entity, &a::LineStrips3D::update_fields().with_radii([WIRE]))?;
         }
     }
     Ok(())
