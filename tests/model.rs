@@ -293,7 +293,7 @@ fn values_outside_their_range_are_refused() {
     }
     for time in ["0.0", "-4e-4", "0", "40.0"] {
         let m = refused("sample_time = 400e-6", &format!("sample_time = {time}"));
-        assert_says(&m, &[&format!("sample_time = {time}"), "in s above 0"]);
+        assert_says(&m, &[&format!("sample_time = {time}"), "in s from 0.00001 to 1"]);
     }
     assert_says(
         &refused("strut_length = 1.106", "strut_length = 1106"),
