@@ -1,7 +1,7 @@
 //! Cumulative sums [Page 1954], and their average run length by a Markov chain [Brook 1972].
 //!
 //! With scores x of independent windows, S ← max(0, S + x − k) stays near zero while the scores are below the
-//! reference k on average, and grows by E[x] − k per window once they are above. An alarm is S > h. The average run
+//! reference k on average, and grows by E\[x\] − k per window once they are above. An alarm is S > h. The average run
 //! length (ARL) is the mean number of windows until an alarm of a healthy machine; several charts together raise at
 //! most the sum of their rates 1/ARL, whether or not they are correlated.
 

@@ -1,6 +1,6 @@
 //! The loop in a browser: drop recordings and a model, check, fit, see where the model fails and why, add, undo, save.
 //!
-//! [`serve`] answers on this machine alone, to whom has the token. The session is a folder ([`session`]): recordings,
+//! [`serve`] answers on this machine alone, to whom has the token. The session is a folder (`session`): recordings,
 //! models, results of every stage and the commands that give them, so that a reload, a second window, a killed server or
 //! the command line go on where it was.
 
