@@ -14,8 +14,8 @@ use nalgebra::Vector3;
 
 use self::rigid_bodies::RigidBodies;
 use crate::machine::{Geometry, Inertia, Mechanism, Payload};
-use crate::numerics::tanh;
 pub use crate::machine::{Part, Unit};
+use crate::numerics::tanh;
 
 mod air_drag;
 mod axis4_friction;

@@ -126,7 +126,11 @@ mod tests {
         let (a, b) = (Vector3::from_fn(|i, _| number(i + 20)), Vector3::from_fn(|i, _| number(i + 30)));
         let x = Paired::new(a, b);
         approx::assert_relative_eq!(mass.times(&x).to_vector(), mass.to_matrix() * x.to_vector(), epsilon = 1e-14);
-        approx::assert_relative_eq!(x.dot(&mass.times(&x)), x.to_vector().dot(&(mass.to_matrix() * x.to_vector())), epsilon = 1e-14);
+        approx::assert_relative_eq!(
+            x.dot(&mass.times(&x)),
+            x.to_vector().dot(&(mass.to_matrix() * x.to_vector())),
+            epsilon = 1e-14
+        );
         approx::assert_relative_eq!(symmetric_outer(&a, &b), a * b.transpose() + b * a.transpose(), epsilon = 1e-15);
         approx::assert_relative_eq!(cross_columns(&a, &m), a.cross_matrix() * m, epsilon = 1e-15);
     }

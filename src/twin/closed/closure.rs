@@ -3,8 +3,8 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::super::SingularPose;
-use super::pairs::Pairs;
 use super::blocks::Paired;
+use super::pairs::Pairs;
 use super::{Mechanism, OpenVector, PLATFORM_V, Pose};
 use crate::kinematics::Motion;
 use crate::machine::bodies::{PLATFORM, STRUT};

@@ -241,10 +241,11 @@ impl Equations {
         let pairs = Pairs::new(&self.rows)?;
         // Platform = offset + Σ follow · φ̈.
         let offset = pairs.solve(&self.target);
-        let follow: [Paired; ARMS] =
-            std::array::from_fn(|i| pairs.solve_pair(i, [-self.row_drive[2 * i], -self.row_drive[2 * i + 1]]));
+        let follows = |i: usize| pairs.solve_pair(i, [-self.row_drive[2 * i], -self.row_drive[2 * i + 1]]);
+        let follow = [follows(0), follows(1), follows(2)];
         let free = self.platform_force - mass.times(&offset);
-        let carried: [Paired; ARMS] = std::array::from_fn(|i| mass.times(&follow[i]) + coupling[i]);
+        let carries = |i: usize| mass.times(&follow[i]) + coupling[i];
+        let carried = [carries(0), carries(1), carries(2)];
         let rotor_coupling = &self.mass.rotor_coupling;
         let mut reduced = Matrix4::zeros();
         let mut f = Vector4::zeros();
@@ -273,6 +274,7 @@ fn open_vector(arms: &[f64; ARMS], rotor: f64, twist: &Paired) -> OpenVector {
 
 impl Mechanism {
     /// Applied forces on a strut, reduced to its upper and lower ball.
+    #[inline]
     fn strut_forces(&self, s: usize, loads: &Loads) -> Ends {
         let (rod, frame, wrench) = (&self.rods[s], loads.frame, &loads.wrenches[STRUT + s]);
         let u = frame.motion.strut_axis[s];

@@ -21,6 +21,7 @@ pub(super) struct Pairs {
 }
 
 /// Inverse of the matrix with rows `a`, `b`, `c`; its columns are b × c, c × a and a × b over the determinant.
+#[inline]
 fn inverse_of_rows(a: &Vector3<f64>, b: &Vector3<f64>, c: &Vector3<f64>) -> Option<Matrix3<f64>> {
     let first = b.cross(c);
     let determinant = a.dot(&first);
@@ -32,6 +33,7 @@ fn inverse_of_rows(a: &Vector3<f64>, b: &Vector3<f64>, c: &Vector3<f64>) -> Opti
 }
 
 /// Matrix with these rows.
+#[inline]
 fn of_rows(a: &Vector3<f64>, b: &Vector3<f64>, c: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::new(a.x, a.y, a.z, b.x, b.y, b.z, c.x, c.y, c.z)
 }
