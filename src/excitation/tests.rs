@@ -180,7 +180,8 @@ fn hooke_joints_stay_off_their_stops() {
     let plant = crate::dynamics::Plant::new(&model, &Default::default());
     let run = crate::twin::Options { duration: 10.0, ..crate::twin::Options::default() };
     let (_, report) =
-        crate::twin::simulate(&model, &Default::default(), &plant, &|t| kept.motion.at(t), &run, &mut |_| true).unwrap();
+        crate::twin::simulate(&model, &Default::default(), &plant, &|t| kept.motion.at(t), &run, &mut |_| true)
+            .unwrap();
     assert!(report.events.iter().all(|e| e.kind != crate::twin::EventKind::Stop), "{:?}", report.events);
     // Without stops there is no such limit.
     model.stops.hooke_stiffness = 0.0;
