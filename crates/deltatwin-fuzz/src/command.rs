@@ -205,6 +205,9 @@ fn disorder(line: &mut Vec<String>, random: &mut ChaCha8Rng) {
 }
 
 /// Runs `program` in `folder` for at most `longest`.
+///
+/// # Errors
+/// Those of starting it, and of the files for what it prints.
 pub fn run(program: &Path, folder: &Path, line: &[String], longest: Duration) -> std::io::Result<End> {
     let out = folder.join("stdout");
     let err = folder.join("stderr");

@@ -1,11 +1,7 @@
 //! Mutates shipped files and command lines, and counts what did not end with an answer or a refusal.
 //!
 //! Mutations are structured (numbers, lines, lengths, stretches of other files) and repeat for a seed; nothing guides
-//! them to new code. Every finding is kept as a file; those that were mended are in `tests/files/corpus`.
-
-mod command;
-mod mutation;
-mod target;
+//! them to new code; `guided/` has the same readers for a fuzzer that is guided. Every finding is kept as a file; those that were mended are in `tests/files/corpus`.
 
 use std::collections::BTreeMap;
 use std::panic::catch_unwind;
@@ -19,8 +15,9 @@ use rand::seq::IndexedRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use self::command::End;
-use self::target::{TARGETS, Target, seeds};
+use deltatwin_fuzz::command::{self, End};
+use deltatwin_fuzz::mutation;
+use deltatwin_fuzz::target::{self, TARGETS, Target, seeds};
 
 /// Longest time of one input, s.
 const LONGEST: u64 = 10;
@@ -46,6 +43,9 @@ struct Args {
     /// Folder of the project, with its models and scenarios.
     #[arg(long, default_value = ".")]
     root: PathBuf,
+    /// Folder to write the shipped inputs to, by reader, for guided fuzzing; nothing else is done.
+    #[arg(long)]
+    seeds: Option<PathBuf>,
     /// Folder for the findings.
     #[arg(long, default_value = "findings")]
     findings: PathBuf,
@@ -64,6 +64,9 @@ fn main() -> ExitCode {
 
 fn run(args: &Args) -> std::io::Result<u64> {
     let root = args.root.canonicalize()?;
+    if let Some(folder) = &args.seeds {
+        return seeds_written(&root, folder).map(|()| 0);
+    }
     let folder = tempfile::tempdir()?;
     let mut seed_files = prepared(&root, folder.path())?;
     let mut found = 0;
@@ -91,6 +94,27 @@ fn run(args: &Args) -> std::io::Result<u64> {
         found += args.commands - count(End::Answer) - count(End::Refusal);
     }
     Ok(found)
+}
+
+/// Writes the seeds of every reader to `folder/<reader>`.
+fn seeds_written(root: &Path, folder: &Path) -> std::io::Result<()> {
+    let recording = recording();
+    for target in &TARGETS {
+        let place = folder.join(target.name);
+        std::fs::create_dir_all(&place)?;
+        let mut inputs: Vec<Vec<u8>> = target.seeds.iter().flat_map(|name| seeds(root, name)).collect();
+        if target.file.starts_with("run.") && target.name != "setup" {
+            let file = place.join(target.file);
+            deltatwin_io::recording::write(&recording, &file).map_err(std::io::Error::other)?;
+            inputs.push(std::fs::read(&file)?);
+            std::fs::remove_file(&file)?;
+            let _ = std::fs::remove_file(place.join("run.setup.toml"));
+        }
+        for (k, input) in inputs.iter().enumerate() {
+            std::fs::write(place.join(format!("seed-{k}")), input)?;
+        }
+    }
+    Ok(())
 }
 
 /// Files that a run needs and those that it mutates: a copy of models and scenarios, and a short recording.
