@@ -184,6 +184,14 @@ pub(super) fn store_velocities(y: &mut [f64], plant: &Plant, motion: &Motion, cl
     }
 }
 
+/// Sets all velocities to zero.
+pub(super) fn stop(y: &mut [f64]) {
+    for b in 0..BODIES {
+        y[BODY * b + VELOCITY..BODY * (b + 1)].fill(0.0);
+    }
+    y[STRETCH_RATE..LENGTH].fill(0.0);
+}
+
 fn store_stretches(y: &mut [f64], plant: &Plant, motion: &Motion) {
     let rates = rod::length_rates(plant, motion);
     for s in 0..STRUTS {

@@ -14,6 +14,8 @@ use crate::machine::AXES;
 
 /// Number of angles and rates, in this order.
 pub(super) const LENGTH: usize = 2 * AXES;
+/// Place of the rates.
+pub(super) const RATES: std::ops::Range<usize> = AXES..LENGTH;
 
 /// Right-hand side for one step.
 pub(super) struct Axes<'a> {

@@ -349,6 +349,22 @@ impl Twin {
         Ok(())
     }
 
+    /// Stops all bodies where they are; the kinetic energy is lost instantaneously.
+    pub fn halt(&mut self) {
+        self.invalidate();
+        let balance = self.energy_balance();
+        let rates = match &self.form {
+            Form::Assembled(..) => assembled::RATES,
+            Form::Axes => axes::RATES,
+            Form::Absolute(_) => {
+                absolute::stop(&mut self.y);
+                0..0
+            }
+        };
+        self.y[rates].fill(0.0);
+        self.reference_energy += self.energy_balance() - balance;
+    }
+
     fn reload(&mut self, moved: Option<&Motion>) -> Result<(), SingularPose> {
         self.invalidate();
         match &mut self.form {
