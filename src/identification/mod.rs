@@ -20,6 +20,7 @@ pub mod regularisation;
 pub mod residuals;
 pub mod smoother;
 mod swapped;
+pub mod uncertainty;
 
 pub use base_parameters::BaseParameter;
 pub use dataset::{Dataset, EncoderReadings};

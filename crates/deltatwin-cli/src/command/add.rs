@@ -67,7 +67,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         print(&addition, &parameters, &data, args.verbose)?;
     }
     let provenance = provenance("add", &args.data, &addition.fit.parameters);
-    crate::command::identify::write(&addition.fit.model, &args.output, &provenance, args.json)?;
+    crate::command::identify::write_fit(&addition.fit, &args.output, &provenance, args.json)?;
     write_report(args.report.as_deref(), args.json, || {
         let origin = origin("add", Some(&args.model), &args.data.inputs(), &data.warnings)?;
         page::of_addition(&addition, &model, &data, &origin).into_diagnostic()
