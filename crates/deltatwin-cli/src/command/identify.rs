@@ -78,7 +78,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     warn(&much_is_left(data.channels(), &fitted.residuals.rms, &noise_floor));
     let held_out_rms = held_out_rms(&fitted.model, &data.held_out).into_diagnostic()?;
     let answer = Identification { fitted, channels: data.channels().to_vec(), noise_floor, held_out_rms };
-    if args.json { say(answer.json(args.output.as_deref())) } else { print(&answer) }?;
+    if args.json { say(data.with_zeros(answer.json(args.output.as_deref()))) } else { print(&answer) }?;
     match &args.output {
         Some(output) => {
             let provenance = provenance("identify", &args.data, &answer.fitted.parameters);
