@@ -2,7 +2,7 @@
 //!
 //! Contacts, slipping and disturbed sensors come in bursts. The energies of short windows of a stationary residual are
 //! nearly gamma distributed, with fewer degrees of freedom the longer its memory and the more its level varies. Both
-//! parameters are taken from the lower half of the windows, which bursts hardly reach.
+//! parameters are taken from the quartiles of the windows, which bursts hardly reach.
 
 use std::ops::Range;
 
@@ -15,7 +15,10 @@ const WINDOW: (f64, usize) = (0.05, 20);
 /// Least number of windows.
 const WINDOWS: usize = 40;
 /// Probability that one of the windows of a recording without bursts is above the threshold.
-const FALSE_BURST: f64 = 1e-3;
+const FALSE_BURST: f64 = 1e-4;
+/// Factor on the ratio of the quartiles, for their scatter and for a memory as long as a window: with it, 2 % of residuals
+/// with such a memory have a false burst.
+const SCATTER: f64 = 0.85;
 /// Shapes of the gamma distribution: half the degrees of freedom.
 const SHAPES: [f64; 2] = [0.05, 500.0];
 
@@ -46,8 +49,8 @@ pub fn bursts(r: &[f64], segments: &[Range<usize>], dt: f64) -> Option<Bursts> {
     let energy: Vec<f64> = windows.iter().map(|w| r[w.clone()].iter().map(|v| v * v).sum::<f64>()).collect();
     let mut sorted = energy.clone();
     sorted.sort_by(f64::total_cmp);
-    let [quarter, half] = [4, 2].map(|part| sorted[sorted.len() / part]);
-    let threshold = half * above_median(quarter / half, FALSE_BURST / windows.len() as f64)?;
+    let [lower, upper] = [1, 3].map(|part| sorted[part * sorted.len() / 4]);
+    let threshold = upper * above_quartile(SCATTER * lower / upper, FALSE_BURST / windows.len() as f64)?;
     let loud: Vec<usize> = (0..windows.len()).filter(|&w| energy[w] > threshold).collect();
     let quiet = energy.iter().filter(|e| **e <= threshold);
     let usual = quiet.clone().sum::<f64>() / quiet.count().max(1) as f64;
@@ -69,18 +72,18 @@ pub fn bursts(r: &[f64], segments: &[Range<usize>], dt: f64) -> Option<Bursts> {
     Some(Bursts { share, count: groups.len(), strongest, usual: rms(usual, length) })
 }
 
-/// Value that a gamma distributed quantity exceeds with the probability `tail`, relative to its median, if its lower
-/// quartile has the given ratio to the median; `None` for a ratio that is none.
-fn above_median(quartile: f64, tail: f64) -> Option<f64> {
+/// Value that a gamma distributed quantity exceeds with the probability `tail`, relative to its upper quartile, if its lower
+/// one has the given `quartiles` ratio to that; `None` for a ratio that is none.
+fn above_quartile(quartiles: f64, tail: f64) -> Option<f64> {
     let quantile = |shape: f64, p: f64| Gamma::new(shape, 1.0).map(|g| g.inverse_cdf(p)).ok();
-    let ratio = |shape: f64| Some(quantile(shape, 0.25)? / quantile(shape, 0.5)?);
-    if !(quartile > 0.0 && quartile < 1.0) {
+    let ratio = |shape: f64| Some(quantile(shape, 0.25)? / quantile(shape, 0.75)?);
+    if !(quartiles > 0.0 && quartiles < 1.0) {
         return None;
     }
     // The ratio grows with the shape.
-    let [low, high] = bisect(SHAPES.map(f64::ln), 30, |x| ratio(x.exp()).is_some_and(|r| r < quartile));
+    let [low, high] = bisect(SHAPES.map(f64::ln), 30, |x| ratio(x.exp()).is_some_and(|r| r < quartiles));
     let shape = (0.5 * (low + high)).exp();
-    Some(quantile(shape, 1.0 - tail)? / quantile(shape, 0.5)?)
+    Some(quantile(shape, 1.0 - tail)? / quantile(shape, 0.75)?)
 }
 
 #[cfg(test)]
@@ -112,10 +115,10 @@ mod tests {
 
     #[test]
     fn the_quantiles_of_a_gamma_distribution() {
-        // Shape 1, exponential: quartile ln(4/3), median ln 2, tail −ln p.
-        let ln2 = std::f64::consts::LN_2;
-        let tail = above_median((4.0f64 / 3.0).ln() / ln2, 1e-3).unwrap();
-        assert!((tail - 1000f64.ln() / ln2).abs() < 1e-3, "{tail}");
+        // Shape 1, exponential: quartiles ln(4/3) and ln 4, tail −ln p.
+        let upper = 4f64.ln();
+        let tail = above_quartile((4.0f64 / 3.0).ln() / upper, 1e-3).unwrap();
+        assert!((tail - 1000f64.ln() / upper).abs() < 1e-3, "{tail}");
     }
 
     #[test]
@@ -141,6 +144,6 @@ mod tests {
                 false_alarms += usize::from(found(&noise(seed, a, speed)).is_some_and(|b| b.share > 0.02));
             }
         }
-        assert!(false_alarms <= 2, "{false_alarms} of 240");
+        assert!(false_alarms <= 5, "{false_alarms} of 240, above 2 %");
     }
 }

@@ -5,7 +5,7 @@ mod payload;
 
 use std::path::{Path, PathBuf};
 
-use miette::{IntoDiagnostic, WrapErr, miette};
+use miette::{IntoDiagnostic, miette};
 
 use self::how::How;
 use crate::command::gate::{guard, much_is_left};
@@ -118,8 +118,17 @@ pub(crate) fn provenance(command: &str, data: &DataArgs, parameters: &[Estimate]
 
 /// Writes a fitted model after its answer was printed; reports it unless `quietly`.
 pub(crate) fn write(model: &Model, output: &Path, provenance: &Provenance, quietly: bool) -> miette::Result<()> {
-    deltatwin_io::model::write_fitted(model, output, provenance)
-        .wrap_err_with(|| format!("{}: the fitted model was not written", output.display()))?;
+    if let Err(refused) = deltatwin_io::model::write_fitted(model, output, provenance) {
+        let causes: Vec<String> = refused.chain().map(ToString::to_string).collect();
+        return Err(miette!(
+            help = "A fit that leaves what a model file admits belongs to recordings that do not determine it: `deltatwin \
+                    check DATA --model MODEL` tells what is wrong with them, `deltatwin compare` what the model leaves \
+                    before a fit; a faster motion determines masses, `--hold rigid_bodies` of `identify` keeps them",
+            "{}: the fitted model was not written: {}",
+            output.display(),
+            causes.join(": ")
+        ));
+    }
     if quietly { Ok(()) } else { say(format!("  Wrote {}", output.display())) }
 }
 
