@@ -22,7 +22,7 @@ pub(super) fn cogging(model: &Model, residuals: &Residuals, datasets: &[Dataset]
     for arm in 0..model.mechanism.arms() {
         let gear_ratio = model.drives[arm].gear_ratio;
         let series = over_motor(residuals, datasets, arm, gear_ratio);
-        for (order, share) in series.orders() {
+        for (order, share) in series.orders(true) {
             match orders.iter_mut().find(|(known, _)| (known - order).abs() < series.width()) {
                 Some(known) => known.1 = known.1.max(share),
                 None => orders.push((order, share)),
@@ -51,7 +51,7 @@ pub(super) fn motor_turns(model: &Model, datasets: &[Dataset]) -> f64 {
 /// The strongest line of the residual of arm drive `arm` over its angle, as a pattern; `None` without a line.
 pub(super) fn strongest(model: &Model, residuals: &Residuals, datasets: &[Dataset], arm: usize) -> Option<Finding> {
     let (order, share) =
-        over_motor(residuals, datasets, arm, model.drives[arm].gear_ratio).orders().first().copied()?;
+        over_motor(residuals, datasets, arm, model.drives[arm].gear_ratio).orders(true).first().copied()?;
     let channel = datasets[0].channels[arm];
     let sentence = format!(
         "{channel}: {:.0} % of the residual lies at order {} of the motor turn",

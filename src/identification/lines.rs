@@ -58,8 +58,9 @@ impl OverAngle {
         std::f64::consts::TAU / self.travel
     }
 
-    /// Orders of the lines with their share of the residual's variance.
-    pub fn orders(&self) -> Vec<(f64, f64)> {
+    /// Orders of the lines with their share of the residual's variance; on an angle that `turns`, one that does not differ
+    /// from an integer is that integer.
+    pub fn orders(&self, turns: bool) -> Vec<(f64, f64)> {
         let mut found: Vec<(f64, f64)> = Vec::new();
         if !(self.travel > 0.0 && self.width() * LEAST_PERIODS < self.highest) {
             return found;
@@ -69,7 +70,8 @@ impl OverAngle {
         let mut left = self.residual.clone();
         while found.len() < MOST_ORDERS {
             let Some(order) = self.line(&left) else { break };
-            let order = self.whole(self.refined(order, &found));
+            let refined = self.refined(order, &found);
+            let order = if turns { self.whole(refined) } else { refined };
             if found.iter().any(|(known, _)| (known - order).abs() < self.width()) {
                 break;
             }
@@ -201,7 +203,7 @@ mod tests {
         let series = swept(|q, rate| {
             0.3 * (3.0 * rate).tanh() + 0.3 * (72.0 * q).sin() + 0.2 * (18.0 * q + 1.0).cos() + 0.15 * (41.37 * q).sin()
         });
-        let orders = series.orders();
+        let orders = series.orders(true);
         let mut found: Vec<f64> = orders.iter().map(|(order, _)| *order).collect();
         found.sort_by(f64::total_cmp);
         assert_eq!(found.len(), 3, "{orders:?}");
@@ -212,7 +214,7 @@ mod tests {
     #[test]
     fn noise_friction_and_gravity_have_no_orders() {
         for law in [|_: f64, _: f64| 0.0, |_, rate: f64| 2.0 * (100.0 * rate).tanh(), |q: f64, _| 3.0 * q.sin()] {
-            let orders = swept(law).orders();
+            let orders = swept(law).orders(true);
             assert!(orders.is_empty(), "{orders:?}");
         }
     }

@@ -99,12 +99,12 @@ pub fn zeros(mechanism: Mechanism, datasets: &[Dataset]) -> Vec<Zero> {
 /// Orders of the joint's turn in any of the recordings: weight on a turning axis, and the lines of what inertia, friction
 /// and weight leave.
 fn orders(all: &[Thinned], revolute: bool) -> Vec<f64> {
-    let weight: Vec<f64> = revolute.then_some(1.0).into_iter().collect();
+    let weight: Vec<f64> = (revolute && all.iter().any(Thinned::shows_weight)).then_some(1.0).into_iter().collect();
     let mut lines: Vec<(f64, f64)> = Vec::new();
     for series in all {
         let Some(residual) = series.waves(&weight).residual(&weight) else { continue };
         let over = OverAngle::new(series.position.clone(), residual, series.speed, series.dt);
-        for (order, share) in over.orders() {
+        for (order, share) in over.orders(revolute) {
             match lines.iter_mut().find(|(known, _)| (known - order).abs() < over.width()) {
                 Some(known) if known.1 < share => *known = (order, share),
                 Some(_) => {}
@@ -146,6 +146,15 @@ impl Thinned {
         torque -= &own * own.tr_mul(&torque);
         let position = joints.iter().map(|j| j.q[0]).collect();
         Self { position, torque, own, speed, dt: stride as f64 * dataset.dt }
+    }
+
+    /// Whether the torque depends on the angle as a weight does.
+    fn shows_weight(&self) -> bool {
+        let waves = self.waves(&[1.0]);
+        let Some(left) = waves.residual(&[1.0]) else { return false };
+        let squares = left.iter().map(|x| x * x).sum::<f64>();
+        let independent = left.len() as f64 / correlation_time(&[left]);
+        independent * (self.torque.norm_squared() / squares).ln() > CLEAR
     }
 
     /// Waves of the given orders over the position, with inertia, friction and constant taken out.
