@@ -62,7 +62,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     warn(&much_is_left(data.channels(), addition.budget.rms_after(), &addition.budget.noise_floor));
     let parameters = parameters_of(&addition.fit, &addition.effect);
     if args.json {
-        say(deltatwin_analysis::add::json(&addition, Some(&args.output)))?;
+        say(data.with_zeros(deltatwin_analysis::add::json(&addition, Some(&args.output))))?;
     } else {
         print(&addition, &parameters, &data, args.verbose)?;
     }
