@@ -23,6 +23,11 @@ impl Color {
     /// Grey, for background elements.
     pub const MUTED: Color = Color(0x9a, 0xa3, 0xad);
 
+    /// The colour as `#0072b2`.
+    pub(super) fn hex(self) -> String {
+        format!("#{:02x}{:02x}{:02x}", self.0, self.1, self.2)
+    }
+
     /// Colours assigned in turn to curves without one, distinguishable for colour-blind readers.
     pub const CYCLE: [Color; 7] = [
         Color(0x00, 0x72, 0xb2),
