@@ -10,8 +10,10 @@
 //!
 //! `from` and `to` are words in the first and the last line that is quoted, `before` a command that comes first, `with:
 //! NAME=FILE` a file of the repository under another name. What is `slow` is only made on demand:
-//! `ACCEPT_SNAPSHOTS=1 cargo test -p deltatwin-cli --test program documents` writes everything anew.
+//! `ACCEPT_SNAPSHOTS=1 cargo test -p deltatwin-cli --test program documents` writes everything anew, `=quick` what is not
+//! slow.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
@@ -81,7 +83,11 @@ fn run(command: &str, folder: &Path) -> String {
     let mut program = assert_cmd::Command::cargo_bin("deltatwin").unwrap();
     let output = program.args(words).current_dir(folder).output().unwrap();
     let text = String::from_utf8(output.stdout).unwrap();
-    assert!(output.status.code().is_some_and(|c| c < 2), "{command}\n{text}{}", String::from_utf8_lossy(&output.stderr));
+    assert!(
+        output.status.code().is_some_and(|c| c < 2),
+        "{command}\n{text}{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     text
 }
 
@@ -116,14 +122,24 @@ fn block(lines: &[&str], line: usize) -> std::ops::Range<usize> {
     first..first + lines[first..].iter().position(|l| *l == "```").expect("an end")
 }
 
+/// Folder and output of a command that was run for a document; equal ones are run once.
+type Made = BTreeMap<String, (TempDir, String)>;
+
+fn make<'m>(made: &'m mut Made, marker: &Marker, command: &str) -> &'m (TempDir, String) {
+    let of = |key: &str| marker.options.iter().filter(|(k, _)| k == key).map(|(_, v)| v.clone()).collect::<Vec<_>>();
+    let name = format!("{:?} {:?} {command}", of("with"), of("before"));
+    made.entry(name).or_insert_with(|| {
+        let folder = workplace(marker);
+        of("before").iter().for_each(|before| drop(run(before, folder.path())));
+        let output = run(command, folder.path());
+        (folder, output)
+    })
+}
+
 /// Makes what the marker stands above, and compares it; the document with what is accepted.
-fn check(document: &Path, text: &str, marker: &Marker) -> String {
+fn check(document: &Path, text: &str, marker: &Marker, made: &mut Made) -> String {
     let Some(command) = &marker.command else { return text.into() };
-    let folder = workplace(marker);
-    for (_, before) in marker.options.iter().filter(|(key, _)| key == "before") {
-        run(before, folder.path());
-    }
-    let output = run(command, folder.path());
+    let (folder, output) = make(made, marker, command);
     let lines: Vec<&str> = text.lines().collect();
     if let Some(file) = marker.option("file") {
         let (_, target) = lines[marker.line + 1..]
@@ -140,7 +156,7 @@ fn check(document: &Path, text: &str, marker: &Marker) -> String {
         assert!(alike(&made, &committed, [0.02, 20.0]), "{}: {}", target.display(), how_to_accept(&target));
         return text.into();
     }
-    let (made, range) = (quoted(marker, &output), block(&lines, marker.line));
+    let (made, range) = (quoted(marker, output), block(&lines, marker.line));
     let committed = lines[range.clone()].join("\n");
     if accepts() {
         let all = [&lines[..range.start], &made.lines().collect::<Vec<_>>(), &lines[range.end..]].concat();
@@ -154,23 +170,24 @@ fn check(document: &Path, text: &str, marker: &Marker) -> String {
 #[test]
 fn what_the_documents_show_is_what_the_program_makes() {
     common::at_root();
-    let mut made = 0;
+    let (mut count, mut made) = (0, Made::new());
     for document in documents() {
         let mut text = std::fs::read_to_string(&document).unwrap();
         // From the last to the first, so that lines above keep their places.
         let mut markers: Vec<Marker> = text.lines().enumerate().filter_map(Marker::parse).collect();
-        markers.retain(|m| m.command.is_some() && (accepts() || m.option("slow").is_none()));
+        let slow_too = accepts() && std::env::var("ACCEPT_SNAPSHOTS").is_ok_and(|how| how != "quick");
+        markers.retain(|m| m.command.is_some() && (slow_too || m.option("slow").is_none()));
         for marker in markers.iter().rev() {
             let begun = std::time::Instant::now();
-            text = check(&document, &text, marker);
+            text = check(&document, &text, marker, &mut made);
             println!("{}: {:.1} s: {:?}", document.display(), begun.elapsed().as_secs_f64(), marker.command);
-            made += 1;
+            count += 1;
         }
         if accepts() {
             std::fs::write(&document, text).unwrap();
         }
     }
-    assert!(made >= 5, "{made}");
+    assert!(count >= 8, "{count}");
 }
 
 /// No block of output and no picture stands in the documents without a word on how it is made.

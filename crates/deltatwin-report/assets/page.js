@@ -555,8 +555,8 @@ var deltatwin = (() => {
       const single = this.content.panels.length === 1;
       const made = chart(plot, {
         height: single ? 280 : 158, series: [{}, ...series],
-        axes: [axis(last ? this.content.x : undefined, 28), axis(panel.unit, 62)],
-        scales: { x: { time: false, ...(log ? { distr: 3 } : {}) }, y: log ? { distr: 3 } : {} },
+        axes: [axis(last ? this.content.x : undefined, 28), { ...axis(panel.unit, 62), space: 24 }],
+        scales: { x: { time: false, ...(log ? { distr: 3 } : {}) }, y: log ? { distr: 3 } : { range: padded } },
         cursor: { sync: { key: this.section.id }, drag: { x: true, y: false, setScale: false }, points: { size: 5 }, bind: { dblclick: () => () => { this.show(...this.whole); } } },
         hooks: {
           setSelect: [u => {
@@ -597,6 +597,13 @@ var deltatwin = (() => {
     resize() { for (const c of this.charts) c.u.setSize({ width: c.width(), height: c.u.height }); }
     recolor() { this.paint(); for (const c of this.charts) c.u.redraw(false); }
     seen() {}
+  }
+
+  // Range of a scale with some room, also around a constant.
+  function padded(u, low, high) {
+    if (low === null || high === null) return [-1, 1];
+    const room = high > low ? .06 * (high - low) : .05 * Math.abs(high) || 1;
+    return [low - room, high + room];
   }
 
   // Range of a scale around zero that shows all but single outliers.

@@ -47,8 +47,15 @@ impl Element {
     /// The element with a comment in it.
     pub fn note(mut self, text: &str) -> Self {
         // Two hyphens would end the comment.
-        let text = text.chars().filter(|c| !c.is_control()).collect::<String>().replace('-', "‑");
-        self.content.push(Node::Comment(text));
+        let kept = text.chars().filter(|c| !c.is_control());
+        let apart = kept.fold(String::new(), |mut out, c| {
+            if c == '-' && out.ends_with('-') {
+                out.push(' ');
+            }
+            out.push(c);
+            out
+        });
+        self.content.push(Node::Comment(apart));
         self
     }
 
@@ -111,7 +118,7 @@ mod tests {
             file.file().lines().skip(1).collect::<Vec<_>>(),
             [
                 "<r n=\"a&quot;&gt;&lt;!-- --&gt; &amp; b\">",
-                "  <!-- a\"><!‑‑ ‑‑> & b -->",
+                "  <!-- a\"><!- - - -> & b -->",
                 "  <e x=\"0 0.000000001\"/>",
                 "</r>"
             ]
