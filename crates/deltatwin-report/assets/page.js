@@ -553,9 +553,11 @@ var deltatwin = (() => {
         points: { show: c.style === "points", size: 5, fill: () => shade(c.color), stroke: () => shade(c.color) },
       }));
       const single = this.content.panels.length === 1;
+      // A name that is longer than its axis stands below the chart.
+      const fits = 7 * this.content.x.length < plot.clientWidth - 90;
       const made = chart(plot, {
         height: single ? 280 : 158, series: [{}, ...series],
-        axes: [axis(last ? this.content.x : undefined, 28), { ...axis(panel.unit, 62), space: 24 }],
+        axes: [axis(last && fits ? this.content.x : undefined, 28), { ...axis(panel.unit, 62), space: 24 }],
         scales: { x: { time: false, ...(log ? { distr: 3 } : {}) }, y: log ? { distr: 3 } : { range: padded } },
         cursor: { sync: { key: this.section.id }, drag: { x: true, y: false, setScale: false }, points: { size: 5 }, bind: { dblclick: () => () => { this.show(...this.whole); } } },
         hooks: {
@@ -576,6 +578,7 @@ var deltatwin = (() => {
         const act = { ArrowLeft: () => this.pan(-.2), ArrowRight: () => this.pan(.2), "+": () => this.zoom(.6), "=": () => this.zoom(.6), "-": () => this.zoom(1.6), "0": () => this.show(...this.whole) }[e.key];
         if (act && !e.ctrlKey && !e.metaKey) { e.preventDefault(); act(); }
       });
+      if (last && !fits) element(plot, "p", { class: "small" }, `over: ${this.content.x}`);
       return { ...made, of };
     }
 

@@ -340,9 +340,9 @@ table.cards td { padding-right: 1.1rem; }
   figure svg [stroke='#F0F2F4'] { stroke: #22272c; }
   figure svg [stroke='#B4BAC1'] { stroke: #57606a; }
   figure svg [fill='#B4BAC1'] { fill: #57606a; }
-  figure svg [fill='#3B3B3B'] { fill: #8a9299; }
+  figure svg [fill='#3B3B3B'] { fill: #6c747c; }
   figure svg [stroke='#3B3B3B'] { stroke: #8a9299; }
-  figure svg [fill='#0072B2'] { fill: #2b86d0; }
+  figure svg [fill='#0072B2'] { fill: #2079c2; }
   figure svg [stroke='#0072B2'] { stroke: #2b86d0; }
 }
 @media print {
