@@ -350,6 +350,13 @@ table.cards td { padding-right: 1.1rem; }
   main { max-width: none; padding: 0; }
   figure, .callout, tr, .tiles div { break-inside: avoid; }
   nav { display: none; }
+  .wide { overflow: visible; }
+  table { font-size: .8rem; }
+  td, th { overflow-wrap: anywhere; white-space: normal !important; }
+  td.n, th.n { overflow-wrap: normal; }
+  pre { white-space: pre-wrap; overflow-wrap: anywhere; }
+  .tiles { grid-template-columns: repeat(4, 1fr); }
+  .tiles b { font-size: 1.2rem; }
   h2, h2 + p { break-after: avoid; }
   .callout { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
 }
