@@ -105,3 +105,65 @@ fn about_centre(inertia: &Inertia) -> (Vector3<f64>, Matrix3<f64>) {
 fn identifier(name: &str) -> String {
     name.chars().map(|c| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use deltatwin::machine::Payload;
+    use nalgebra::{Isometry3, Point3, Translation3};
+
+    use super::*;
+
+    fn shipped(name: &str) -> Model {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../models/{name}.toml"));
+        crate::model::read(&file).unwrap()
+    }
+
+    #[test]
+    fn links_stand_as_on_the_robot_and_its_loops_are_closed() {
+        for name in ["irb360-6-1600", "irb360-1-1130", "clavel-delta"] {
+            let model = shipped(name);
+            let plant = Plant::new(&model, &Setup::default());
+            let home = tree::home(&plant).unwrap();
+            let tree = Tree::new(&model, &plant, &home, &Frictions::default());
+            let mut poses: Vec<Isometry3<f64>> = Vec::new();
+            for link in &tree.links {
+                let base = link.parent.map_or_else(Isometry3::identity, |p| poses[p]);
+                poses.push(base * link.origin * Translation3::new(0.0, 0.0, link.offset));
+                let body = (0..home.bodies.len()).find(|b| deltatwin::machine::bodies::body_name(*b) == link.name);
+                let own = home.poses()[body.unwrap()];
+                let gap = (poses[poses.len() - 1].translation.vector - own.translation.vector).norm();
+                let turn = poses[poses.len() - 1].rotation.angle_to(&own.rotation);
+                assert!(gap < 1e-14 && turn < 1e-7, "{name}: {}: {gap:e} m, {turn:e} rad", link.name);
+            }
+            assert_eq!(
+                (tree.loops.len(), tree.links.len()),
+                (6, if model.mechanism.has_telescope() { 14 } else { 10 })
+            );
+            for closed in &tree.loops {
+                let [a, b] = [0, 1].map(|end| poses[closed.links[end]] * Point3::from(closed.points[end]));
+                assert!((a - b).norm() < 1e-14, "{name}: {}: {:e} m", closed.name, (a - b).norm());
+            }
+        }
+    }
+
+    #[test]
+    fn masses_are_those_of_the_file_with_the_payload_and_friction_is_that_of_the_drives() {
+        let model = shipped("irb360-6-1600");
+        let setup = Setup { payload: Payload::new(2.5, [0.0, 0.0, -0.1], 0.01), ..Setup::default() };
+        // 3 · 1.6 + 6 · 0.179 + 1.2 + 1.0 + 0.922 + 0.557 kg and the payload.
+        for (setup, mass) in [(Setup::default(), 9.553), (setup, 12.053)] {
+            for format in [Format::Mjcf, Format::Urdf] {
+                let made = export(&model, &setup, format).unwrap();
+                approx::assert_relative_eq!(made.mass, mass, epsilon = 1e-12);
+                assert!(made.left_out.iter().any(|what| what.starts_with("axis4_friction")), "{:?}", made.left_out);
+                assert!(made.text.contains("4.667") && made.text.contains("1.247"), "{}", made.text);
+            }
+        }
+        let none = export(&shipped("servo-axis"), &Setup::default(), Format::Urdf).unwrap_err();
+        assert!(none.to_string().contains("assembled delta robot"), "{none}");
+        let apart = export(&shipped("irb360-6-1600-disassembled"), &Setup::default(), Format::Mjcf);
+        assert!(matches!(apart, Err(ExportError::Machine(_))));
+    }
+}
