@@ -208,7 +208,7 @@ impl Twin {
             }
             Form::Axes => (Axes { context }.evaluate(*t, y)?, Reactions::default(), [Vector3::zeros(); SOCKETS]),
         };
-        let mut wrenches = self.context.scratch.total;
+        let mut wrenches = *self.context.loads();
         for (axis, torque) in torque.at(self.t).into_iter().enumerate() {
             let (body, direction) = Motion::drive(axis);
             motion.qdd[axis] = motion.bodies[body].angular_acceleration.dot(&direction);
