@@ -5,8 +5,8 @@ use nalgebra::Vector3;
 use super::{Loads, Multipliers, Statics};
 use crate::dynamics::{Plant, Twist, borne, rigid_wrenches};
 use crate::kinematics::{KinematicsError, Motion};
-use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::machine::STRUTS;
+use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
 /// Detail of the loads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

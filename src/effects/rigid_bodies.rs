@@ -174,7 +174,9 @@ impl RigidBodies {
     pub fn with(machine: Mechanism, assembled: bool, links: LinkParameters) -> Arc<Self> {
         match machine {
             // Of carriages, all moments of inertia and the deviations of the arms do not enter.
-            Mechanism::Delta { telescope, arms: Joint::Revolute } if assembled && links != LinkParameters::default() => {
+            Mechanism::Delta { telescope, arms: Joint::Revolute }
+                if assembled && links != LinkParameters::default() =>
+            {
                 tables::table(telescope, links)
             }
             _ => Self::of(machine, assembled),

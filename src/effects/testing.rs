@@ -99,7 +99,11 @@ fn absent(effect: &dyn Effect) -> (Vec<f64>, Layout) {
 fn write(effect: &dyn Effect, at: &Instant) -> Vec<Written> {
     let (values, layout) = absent(effect);
     let mut seen = Vec::new();
-    effect.wrenches(&Values::new(&values, &layout), at, &mut Wrenches::new(at.motion, &mut |k, b, f, m| seen.push((k, b, f, m))));
+    effect.wrenches(
+        &Values::new(&values, &layout),
+        at,
+        &mut Wrenches::new(at.motion, &mut |k, b, f, m| seen.push((k, b, f, m))),
+    );
     seen
 }
 

@@ -66,10 +66,7 @@ fn elbow(geometry: &Geometry, q: f64) -> (f64, f64) {
 pub fn least_strut_length(geometry: &Geometry) -> f64 {
     let [low, high] = geometry.arm_limits;
     // |R − r + l₁ cos φ| has its maximum at an end of the range or at φ = 0, that of a carriage at an end.
-    [low, 0.0, high]
-        .map(|q| (elbow(geometry, q).0 - geometry.platform_radius).abs())
-        .into_iter()
-        .fold(0.0, f64::max)
+    [low, 0.0, high].map(|q| (elbow(geometry, q).0 - geometry.platform_radius).abs()).into_iter().fold(0.0, f64::max)
 }
 
 /// The inertial parameter that violates a consistency condition.

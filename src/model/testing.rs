@@ -4,7 +4,9 @@ use std::path::Path;
 
 use super::{Added, Model};
 use crate::effects::{ActiveEffect, Effects, find};
-use crate::machine::{Actuator, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops};
+use crate::machine::{
+    Actuator, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops,
+};
 
 /// A struct of this crate built from one with the same fields.
 macro_rules! copy {

@@ -526,8 +526,10 @@ pub struct Added {
 
 impl Added {
     /// No addition.
-    pub const NONE: Self =
-        Self { linear: Matrix3::new(0., 0., 0., 0., 0., 0., 0., 0., 0.), angular: Matrix3::new(0., 0., 0., 0., 0., 0., 0., 0., 0.) };
+    pub const NONE: Self = Self {
+        linear: Matrix3::new(0., 0., 0., 0., 0., 0., 0., 0., 0.),
+        angular: Matrix3::new(0., 0., 0., 0., 0., 0., 0., 0., 0.),
+    };
 
     /// Adds `inertia` (kg·m² or kg) along a joint.
     pub fn along(&mut self, screw: &Screw, inertia: f64) {

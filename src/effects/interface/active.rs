@@ -80,7 +80,9 @@ impl Host {
         let (low, high) = parameter.range;
         let (narrower, wider) = match self.mechanism {
             Mechanism::Axis(_) if unit.has_dimension() => wider(parameter.role),
-            Mechanism::Delta { arms: Joint::Prismatic, .. } if of_drives && unit.has_dimension() => wider(parameter.role),
+            Mechanism::Delta { arms: Joint::Prismatic, .. } if of_drives && unit.has_dimension() => {
+                wider(parameter.role)
+            }
             _ => (1.0, 1.0),
         };
         // Away from zero, and for lower limits of positive numbers towards it.

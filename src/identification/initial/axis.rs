@@ -15,7 +15,7 @@ use crate::identification::bandwidth::{bandwidth, narrow};
 use crate::identification::zeros::zeros;
 use crate::machine::bodies::{ARM, BODIES};
 use crate::machine::{
-    Actuator, ARMS, AXES, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops,
+    ARMS, AXES, Actuator, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops,
 };
 use crate::model::Model;
 use crate::model::history::rounded_to;

@@ -5,7 +5,9 @@
 use std::fmt::Display;
 
 use deltatwin::effects::{Count, Parameter};
-use deltatwin::machine::{ARMS, AXES, Actuator, Axis, Drive, Geometry, Inertia, Joint, Mechanism, Noise, Sockets, Stops, Unit};
+use deltatwin::machine::{
+    ARMS, AXES, Actuator, Axis, Drive, Geometry, Inertia, Joint, Mechanism, Noise, Sockets, Stops, Unit,
+};
 use nalgebra::{Matrix3, Vector3};
 
 /// A key with one number or an array of numbers, stored in a `T`.
