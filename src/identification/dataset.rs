@@ -214,6 +214,13 @@ impl Dataset {
         }
     }
 
+    /// Adds `offset`, rad or m, to the positions of an axis.
+    pub fn shift(&mut self, axis: usize, offset: f64) {
+        self.joints.iter_mut().for_each(|j| j.q[axis] += offset);
+        self.readings.angles.iter_mut().for_each(|q| q[axis] += offset);
+        self.readings.ringing = OnceLock::new();
+    }
+
     /// Keeps only `channels`, in their order; channels that the dataset lacks are ignored.
     pub fn restrict(&mut self, channels: &[Channel]) {
         let place = |c: &Channel| self.channels.iter().position(|own| own == c);

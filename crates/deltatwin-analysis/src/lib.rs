@@ -14,9 +14,10 @@ pub mod folder;
 pub mod gate;
 pub mod identify;
 pub mod json;
+pub mod law;
 pub mod page;
 pub mod run;
 pub mod unexplained;
 
-pub use data::{Data, Inputs};
+pub use data::{Data, Inputs, Joined};
 pub use run::{Analysis, RunError, Settings, Step, run};

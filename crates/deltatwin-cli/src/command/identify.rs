@@ -79,7 +79,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     warn(&much_is_left(data.channels(), &fitted.residuals.rms, &noise_floor));
     let held_out_rms = held_out_rms(&fitted.model, &data.held_out).into_diagnostic()?;
     let answer = Identification { fitted, channels: data.channels().to_vec(), noise_floor, held_out_rms };
-    if args.json { say(answer.json(args.output.as_deref())) } else { print(&answer) }?;
+    if args.json { say(data.with_zeros(answer.json(args.output.as_deref()))) } else { print(&answer) }?;
     match &args.output {
         Some(output) => {
             let provenance = provenance("identify", &args.data, &answer.fitted.parameters);
@@ -133,8 +133,17 @@ pub(crate) fn write_fit(fit: &Fit, output: &Path, provenance: &Provenance, quiet
 
 /// Writes a fitted model after its answer was printed; reports it unless `quietly`.
 pub(crate) fn write(model: &Model, output: &Path, provenance: &Provenance, quietly: bool) -> miette::Result<()> {
-    deltatwin_io::model::write_fitted(model, output, provenance)
-        .wrap_err_with(|| format!("{}: the fitted model was not written", output.display()))?;
+    if let Err(refused) = deltatwin_io::model::write_fitted(model, output, provenance) {
+        let causes: Vec<String> = refused.chain().map(ToString::to_string).collect();
+        return Err(miette!(
+            help = "A fit that leaves what a model file admits belongs to recordings that do not determine it: `deltatwin \
+                    check DATA --model MODEL` tells what is wrong with them, `deltatwin compare` what the model leaves \
+                    before a fit; a faster motion determines masses, `--hold rigid_bodies` of `identify` keeps them",
+            "{}: the fitted model was not written: {}",
+            output.display(),
+            causes.join(": ")
+        ));
+    }
     if quietly { Ok(()) } else { say(format!("  Wrote {}", output.display())) }
 }
 

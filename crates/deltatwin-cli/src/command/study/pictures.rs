@@ -11,6 +11,7 @@ mod naming;
 use std::path::PathBuf;
 
 use deltatwin::text::significant;
+use deltatwin_analysis::page::{Origin, end};
 use deltatwin_io::study::{Factor, Range};
 use deltatwin_report::{Callout, Figure, KeyNumber, StudyPage, StudySection, study_page};
 use deltatwin_study::campaign::Table;
@@ -19,7 +20,7 @@ use deltatwin_study::statistics::{Ended, Subset, wilson};
 use miette::{IntoDiagnostic, WrapErr};
 
 use super::{Args, command};
-use crate::terminal::write_figure;
+use crate::terminal::{origin_of, write_figure};
 
 /// A figure with the name of its file and its caption.
 pub struct Picture {
@@ -185,8 +186,15 @@ pub fn write(
         }
         page.sections.push(StudySection { heading, text, figures, table });
     }
-    study_page(&page).write(&files[0]).into_diagnostic().wrap_err("the page cannot be written")?;
+    let mut page = study_page(&page);
+    end(&mut page, &provenance(args, conduct)?);
+    page.write(&files[0]).into_diagnostic().wrap_err("the page cannot be written")?;
     Ok(files)
+}
+
+/// Command and files of the study.
+fn provenance(args: &Args, conduct: &Conduct) -> miette::Result<Origin> {
+    origin_of("study", &[("study", &args.study), ("scenario", conduct.study.scenario())])
 }
 
 fn subtitle(conduct: &Conduct, summary: &Summary) -> String {
