@@ -54,8 +54,14 @@ impl Search<'_> {
         model.effects.push(late);
         self.start = self.judge.fit(&model)?;
         self.fits = Fits::default();
-        if !self.judge.fitting.is_late() {
-            self.problem = self.judge.fitting.problem(&self.start.fit, self.candidates, self.edges)?;
+        let fitting = self.judge.fitting;
+        if !fitting.is_late() {
+            let late = delay(&self.start.fit.model).map_or(0.0, |late| late.values[0]);
+            let shifted = fitting.delayed((&self.start.fit, &self.problem), late, self.edges)?;
+            self.problem = match shifted {
+                Some(shifted) => shifted,
+                None => fitting.problem(&self.start.fit, self.candidates, self.edges)?,
+            };
         }
         Ok(())
     }
