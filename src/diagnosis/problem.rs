@@ -168,39 +168,6 @@ impl Fitting<'_> {
         })
     }
 
-    /// The problem at a fit that differs from that of `before` by torques that are recorded `late`, s: much less than the
-    /// duration of a mean only shifts the columns of the candidates, which takes no dynamics. `None` for a longer time.
-    pub fn delayed(
-        &self,
-        (fit, before): (&Fit, &Problem),
-        late: f64,
-        edges: Edges,
-    ) -> Result<Option<Problem>, FitError> {
-        let datasets = self.datasets;
-        let block = block(datasets);
-        let shares: Vec<f64> = datasets
-            .iter()
-            .flat_map(|t| t.segments.iter().filter(|s| s.len() >= block).map(|_| late / (block as f64 * t.dt)))
-            .collect();
-        if block < 2 || shares.iter().any(|share| share.abs() > SHIFTED) {
-            return Ok(None);
-        }
-        let mut owned = owned_columns(&fit.model, datasets)?;
-        owned.retain(|o| !self.is_fixed(o.param));
-        let base = along_edges(owned, fit, edges).into_iter().chain(blurred_reversals(datasets)).collect();
-        let y = residual_series(datasets, &fit.residuals);
-        let mut next = Problem { y, base, ..before.clone() };
-        let drives = datasets[0].channels.iter().filter(|c| c.drive().is_some()).count();
-        for column in next.candidates.iter_mut().flat_map(|c| &mut c.variants).flat_map(|v| &mut v.columns) {
-            for series in column.values.chunks_mut(before.samples).take(drives) {
-                for (segment, share) in before.segments.iter().zip(&shares) {
-                    shift(&mut series[segment.clone()], *share);
-                }
-            }
-        }
-        Ok(Some(next))
-    }
-
     /// Linearised problem of a change after the first `before` recordings: the columns of the candidates are zero in
     /// these. The candidates are the effects of the model, each with its linear parameters, and those of `absent`.
     pub fn change(&self, model: &Model, before: usize, absent: &[Vec<ActiveEffect>]) -> Result<Problem, FitError> {
@@ -246,17 +213,6 @@ impl Fitting<'_> {
         let channels = self.datasets[0].channels.iter().zip(&self.noise);
         channels.map(|(c, sigma)| Channel { name: c.to_string(), noise_sigma: Some(sigma / scale) }).collect()
     }
-}
-
-/// Largest delay, in means, for which columns are shifted.
-const SHIFTED: f64 = 0.5;
-
-/// Delays a series by the `share` of a step, interpolated linearly; it is constant beyond its ends.
-fn shift(series: &mut [f64], share: f64) {
-    let neighbour = |k: usize| if share > 0.0 { k.saturating_sub(1) } else { (k + 1).min(series.len() - 1) };
-    let moved: Vec<f64> =
-        (0..series.len()).map(|k| series[k] + share.abs() * (series[neighbour(k)] - series[k])).collect();
-    series.copy_from_slice(&moved);
 }
 
 fn label(active: &ActiveEffect) -> String {

@@ -54,14 +54,8 @@ impl Search<'_> {
         model.effects.push(late);
         self.start = self.judge.fit(&model)?;
         self.fits = Fits::default();
-        let fitting = self.judge.fitting;
-        if !fitting.is_late() {
-            let late = delay(&self.start.fit.model).map_or(0.0, |late| late.values[0]);
-            let shifted = fitting.delayed((&self.start.fit, &self.problem), late, self.edges)?;
-            self.problem = match shifted {
-                Some(shifted) => shifted,
-                None => fitting.problem(&self.start.fit, self.candidates, self.edges)?,
-            };
+        if !self.judge.fitting.is_late() {
+            self.problem = self.judge.fitting.problem(&self.start.fit, self.candidates, self.edges)?;
         }
         Ok(())
     }
