@@ -1,12 +1,16 @@
 //! Recordings given to a fit: datasets with common channels, checked against the model.
 
+use std::ffi::CString;
 use std::sync::Arc;
 
 use deltatwin::dynamics::Channel;
 use deltatwin::gate::{combined, examine};
 use deltatwin::identification::Dataset;
+use deltatwin::identification::bandwidth::{bandwidth, narrow};
+use deltatwin::identification::zeros::zeros;
+use deltatwin::machine::{Mechanism, Unit};
 use deltatwin::model;
-use pyo3::exceptions::PyTypeError;
+use pyo3::exceptions::{PyTypeError, PyUserWarning};
 use pyo3::prelude::*;
 
 use crate::errors;
@@ -79,6 +83,10 @@ impl Data {
             dataset.restrict(&common);
         }
         if gate {
+            join(py, model.mechanism, &mut all)?;
+            if let Some(cut_off) = py.detach(|| bandwidth(model.mechanism, &all[..fitted.len()])) {
+                narrow(&mut all, cut_off);
+            }
             let refused = py.detach(|| all.iter().find_map(|dataset| refusal(model, dataset)));
             if let Some(text) = refused {
                 return Err(errors::data_error(py, text));
@@ -87,6 +95,20 @@ impl Data {
         let held_out = all.split_off(fitted.len());
         Ok(Self { datasets: all, held_out })
     }
+}
+
+/// Joins the zeros of the recordings of a lone axis to that of the first, with a warning about each.
+fn join(py: Python, mechanism: Mechanism, all: &mut [Dataset]) -> PyResult<()> {
+    for zero in py.detach(|| zeros(mechanism, all)) {
+        let to = all[0].name.clone();
+        let dataset = &mut all[zero.recording];
+        dataset.shift(0, zero.offset);
+        let name = dataset.name.clone();
+        let sentence = zero.sentence([&name, &to], mechanism.unit(Unit::Rad));
+        let text = CString::new(format!("{sentence}; gate=False leaves them")).unwrap_or_default();
+        PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 2)?;
+    }
+    Ok(())
 }
 
 /// Why a recording cannot be of the model's machine, with the remedy.

@@ -1,11 +1,16 @@
 //! Search for patterns in the residual of one channel: the mean first, then one cause at a time, each tested on the
 //! residual of the previous ones.
 
+use std::ops::Range;
+
 use super::Finding;
+use super::bursts::bursts;
+use super::hysteresis::hysteresis;
 use super::place::{Partition, reversal};
 use super::spectrum::spectrum;
 use crate::dynamics::Channel;
 use crate::identification::Dataset;
+use crate::text::significant;
 
 /// Share of the mean square from which a pattern is reported.
 const MIN_SHARE: f64 = 0.05;
@@ -57,7 +62,12 @@ pub fn of_channel(
         search.rest = cause.rest;
         found.push(cause.finding);
     }
-    found.extend(search.reversal());
+    let reversal = search.reversal();
+    // What is loud at every reversal comes in bursts, too.
+    if reversal.is_none() {
+        found.extend(search.bursts());
+    }
+    found.extend(reversal);
     found.extend(search.tone());
     if found.is_empty() {
         found.extend(search.coloured());
@@ -110,7 +120,10 @@ impl Search<'_> {
     /// Cause that explains most of the present residual; `None` below the smallest share.
     fn strongest(&self) -> Option<Cause> {
         let joints = JOINT.iter().map(|q| self.along(q));
-        let simple = joints.chain([self.drift()]).max_by(|a, b| a.finding.share.total_cmp(&b.finding.share))?;
+        let simple = joints
+            .chain([self.drift()])
+            .chain(self.hysteresis())
+            .max_by(|a, b| a.finding.share.total_cmp(&b.finding.share))?;
         let place = self.workspace().filter(|w| w.finding.share > WORKSPACE * simple.finding.share);
         Some(place.unwrap_or(simple)).filter(|cause| cause.finding.share >= MIN_SHARE)
     }
@@ -137,6 +150,57 @@ impl Search<'_> {
         );
         let finding = self.finding(quantity.name, self.of_whole(explained.share), what);
         Cause { rest: self.without(&partition, &explained.means), finding }
+    }
+
+    /// Ranges of samples without gaps, over all recordings.
+    fn segments(&self) -> Vec<Range<usize>> {
+        let mut start = 0;
+        let mut all = Vec::new();
+        for dataset in self.datasets {
+            all.extend(dataset.segments.iter().map(|s| start + s.start..start + s.end));
+            start += dataset.len();
+        }
+        all
+    }
+
+    /// A force along the motion that builds up over the distance since the axis' last reversal.
+    fn hysteresis(&self) -> Option<Cause> {
+        let axis = self.channel.limb();
+        let [position, rate] = [self.values(&|t, k| t.joints[k].q[axis]), self.values(&|t, k| t.joints[k].qd[axis])];
+        let found = hysteresis(&position, &rate, &self.rest, &self.segments())?;
+        let [first, far] = found.along;
+        let what = format!(
+            "is hysteresis: after a reversal it goes from {first:+.3} to {far:+.3} {} along the motion, half of it within {} {}",
+            self.channel.unit(),
+            significant(found.distance, 2),
+            self.channel.joint_unit()
+        );
+        let finding = self.finding("hysteresis", self.of_whole(found.share), what);
+        Some(Cause { rest: found.rest, finding })
+    }
+
+    /// Finding about short times in which the residual is much larger.
+    fn bursts(&self) -> Option<Finding> {
+        let dt = self.datasets.iter().map(|t| t.dt).fold(0.0, f64::max);
+        let found = bursts(&self.rest, &self.segments(), dt)?;
+        let (samples, rms) = &found.strongest;
+        let mut start = samples.start;
+        let dataset = self.datasets.iter().find(|t| {
+            let inside = start < t.len();
+            start -= if inside { 0 } else { t.len() };
+            inside
+        })?;
+        let what = format!(
+            "is in {}: the strongest of {rms:.3} {} RMS for {} s at {:.2} s of {}, {:.3} elsewhere",
+            if found.count == 1 { "one burst".into() } else { format!("{} bursts", found.count) },
+            self.channel.unit(),
+            significant(samples.len() as f64 * dt, 2),
+            dataset.t[start],
+            dataset.name,
+            found.usual
+        );
+        let share = self.of_whole(found.share);
+        (share >= MIN_SHARE).then(|| self.finding("bursts", share, what))
     }
 
     /// Drift over the recordings: a parabola in time.

@@ -1,6 +1,8 @@
 //! Comparison of model and measurement, with the patterns of the residual.
 
+mod bursts;
 mod findings;
+mod hysteresis;
 mod place;
 mod spectrum;
 
@@ -30,8 +32,8 @@ pub struct Comparison {
 pub struct Finding {
     /// Channel.
     pub channel: Channel,
-    /// Kind of place: `mean`, `joint speed`, `joint angle`, `joint acceleration`, `time`, `reversal`, `workspace` or
-    /// `frequency`; of a diagnosis also `order`, a line over the joint angle.
+    /// Kind of place: `mean`, `joint speed`, `joint angle`, `joint acceleration`, `hysteresis`, `time`, `reversal`,
+    /// `bursts`, `workspace` or `frequency`; of a diagnosis also `order`, a line over the joint angle.
     pub place: String,
     /// Share of the channel's mean square residual explained by the place, beyond chance and beyond the preceding
     /// findings.

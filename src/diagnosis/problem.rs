@@ -11,6 +11,7 @@ use crate::effects::{self, ActiveEffect, Entry, Param, Role, Start};
 use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
 use crate::identification::dataset::averaged_segments;
 use crate::identification::fit::{Fit, FitError, kinematics, nominal_size};
+use crate::identification::lines::LEAST_PERIODS;
 use crate::identification::prediction::Channels;
 use crate::identification::{Dataset, Residuals, averaged_columns};
 use crate::machine::{Mechanism, Unit};
@@ -57,7 +58,7 @@ pub fn absent(
     let testable = known.filter(|e| e.spec().identifiable && e.name() != effects::cogging::NAME);
     let turns = orders::motor_turns(model, datasets);
     let of_motor = |e: &dyn effects::Effect| e.parameters().iter().any(|p| p.unit == Unit::GearRatio);
-    let testable = testable.filter(|e| turns >= orders::LEAST_PERIODS || !of_motor(&**e));
+    let testable = testable.filter(|e| turns >= LEAST_PERIODS || !of_motor(&**e));
     let is_smoothed = datasets.iter().any(Dataset::blurs_reversals);
     let filters =
         |a: &ActiveEffect| a.effect.sensor().is_some_and(|sensor| sensor.memory(&a.at_nominal_size().values()) > 0.0);

@@ -6,17 +6,21 @@
 pub(super) mod lag;
 
 mod fits;
+mod models;
+mod standing;
+
+pub(super) use models::{with_effects, without_effects};
 
 use super::judge::{Judge, Judged, MIN_RELEVANCE, is_relevant, relative_energy};
 use super::problem::Edges;
 use super::{DiagnosisError, problem};
-use crate::effects::{ActiveEffect, Role};
+use crate::effects::ActiveEffect;
 use crate::evidence::{self, Chosen, Outcome, Problem, Ranking, Refit, Settings};
 use crate::gate::carries_weight_alone;
 use crate::identification::fit::{Fit, FitError, is_nonlinear};
-use crate::model::Model;
 use fits::Fits;
 use lag::{DELAY, Lag};
+use standing::Standing;
 
 /// Largest number of effects refused by the validation. After it only the strongest effect may be reliable, and after one
 /// more refusal none.
@@ -122,16 +126,6 @@ fn find_along(
 /// Added effects with the fit that contains them.
 type Refitted = (Vec<Chosen>, Judged);
 
-/// Effects confirmed by the validation data.
-struct Standing {
-    outcome: Outcome,
-    /// The fit with them.
-    end: Judged,
-    /// RMS residuals without each of them, on the validation data.
-    without: Vec<Vec<f64>>,
-    not_tried: Vec<String>,
-}
-
 /// Repeated forward selection from one refitted model.
 struct Search<'a> {
     edges: Edges,
@@ -150,13 +144,6 @@ struct Search<'a> {
     /// The ranking before anything was added or refused.
     all: Option<Ranking>,
     fits: Fits,
-}
-
-/// Names of effects left open by an outcome that was cut short: `unjudged` effects and significant candidates.
-fn untried(outcome: &Outcome, unjudged: Vec<String>, settings: &Settings) -> Vec<String> {
-    let ranking = &outcome.remaining;
-    let passing = ranking.order.iter().map(|&i| &ranking.candidates[i]).filter(|a| a.passes(settings));
-    unjudged.into_iter().chain(passing.map(|a| a.name.clone())).collect()
 }
 
 impl<'a> Search<'a> {
@@ -213,20 +200,6 @@ impl<'a> Search<'a> {
             }
         }
         stated
-    }
-
-    /// Confirmed outcome of a selection on the validation data, or the name of an effect that is not confirmed.
-    fn confirm(&self, mut outcome: Outcome, end: Judged) -> Result<Result<Standing, String>, FitError> {
-        let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
-        if !outcome.cut_short && !self.judge.fitting.is_late() {
-            let without = self.stand(&chosen, &end)?;
-            return Ok(without.map(|without| Standing { outcome, end, without, not_tried: Vec::new() }));
-        }
-        let (end, without) = self.longest_standing(&chosen)?;
-        outcome.findings.truncate(without.len());
-        let unjudged = self.names(&chosen[without.len()..]);
-        let not_tried = if outcome.cut_short { untried(&outcome, unjudged, &self.settings) } else { Vec::new() };
-        Ok(Ok(Standing { outcome, end, without, not_tried }))
     }
 
     fn found(self, standing: Standing) -> Found {
@@ -361,53 +334,6 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// RMS residuals without each of the chosen effects, or the name of the weakest that is not confirmed.
-    fn stand(&self, chosen: &[Chosen], end: &Judged) -> Result<Result<Vec<Vec<f64>>, String>, FitError> {
-        let name = |c: &Chosen| self.shape(c).effect.name();
-        if let Some(c) =
-            chosen.iter().find(|c| is_impossible(&end.fit, name(c)) || self.is_too_early(&end.fit, name(c)))
-        {
-            return Ok(Err(name(c).into()));
-        }
-        // A fit that leaves more than the start has diverged, with a column that the data hardly determine.
-        let energy = |judged: &Judged| relative_energy(&judged.fit.residuals.rms, &self.judge.fitting.noise);
-        if let Some(last) = chosen.last().filter(|_| energy(end).is_nan() || energy(end) > energy(&self.start)) {
-            return Ok(Err(name(last).into()));
-        }
-        let mut all = Vec::new();
-        // Of those that do not stand, the one whose absence costs least: any other may only suffer from it.
-        let mut weakest: Option<(f64, &str)> = None;
-        for c in chosen {
-            let others: Vec<Chosen> = chosen.iter().copied().filter(|other| other != c).collect();
-            let make = || self.judge.fit(&without_effects(&end.fit.model, &[name(c)]));
-            // Where no machine without it can be fitted, the effect is compared with the model without any.
-            let without = match others.is_empty() {
-                true => self.start.clone(),
-                false => self.fits.of(&others, make).unwrap_or_else(|_: FitError| self.start.clone()),
-            };
-            let left = relative_energy(without.rms(), &self.judge.floor);
-            if !self.judge.confirms(&without, end)? && weakest.is_none_or(|(least, _)| left < least) {
-                weakest = Some((left, name(c)));
-            }
-            all.push(without.rms().to_vec());
-        }
-        Ok(weakest.map_or(Ok(all), |(_, name)| Err(name.into())))
-    }
-
-    /// Fit with the longest leading sequence of chosen effects that are each confirmed given the previous ones, and
-    /// the RMS residuals before each addition.
-    fn longest_standing(&self, chosen: &[Chosen]) -> Result<(Judged, Vec<Vec<f64>>), FitError> {
-        let (mut end, mut without) = (self.start.clone(), Vec::new());
-        for (k, c) in chosen.iter().enumerate() {
-            let Ok(next) = self.refit(&chosen[..=k], None) else { break };
-            if is_impossible(&next.fit, self.shape(c).effect.name()) || !self.judge.confirms(&end, &next)? {
-                break;
-            }
-            without.push(std::mem::replace(&mut end, next).rms().to_vec());
-        }
-        Ok((end, without))
-    }
-
     fn names(&self, chosen: &[Chosen]) -> Vec<String> {
         chosen.iter().map(|c| self.shape(c).effect.name().to_string()).collect()
     }
@@ -455,48 +381,8 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Whether an effect has a parameter outside the range of its law, such as a negative coefficient of a law with a
-/// definite sign.
-fn is_impossible(fit: &Fit, name: &str) -> bool {
-    fit.impossible.iter().any(|p| p.effect == name)
-}
-
-/// A model with the chosen effects; those assessed in a ranking start at its estimates.
-pub(super) fn with_effects(
-    model: &Model,
-    candidates: &[Vec<ActiveEffect>],
-    chosen: &[Chosen],
-    ranking: Option<&Ranking>,
-) -> Model {
-    let mut model = model.clone();
-    for c in chosen {
-        let mut active = candidates[c.candidate][c.variant].clone();
-        if let Some(assessed) = ranking.and_then(|r| r.of(c.candidate)) {
-            begin_at(&mut active, &assessed.coefficients);
-        }
-        model.effects.push(active);
-    }
-    model
-}
-
-/// The model without the named effects.
-pub(super) fn without_effects(model: &Model, names: &[&str]) -> Model {
-    let mut reduced = model.clone();
-    reduced.effects.retain(|a| !names.contains(&a.effect.name()));
-    reduced
-}
-
 /// Whether the gain of a candidate in the ranking is relevant on some channel; true if it is not ranked.
 fn promises(ranking: &Ranking, chosen: &Chosen) -> bool {
     let rms = |squares: &[f64]| squares.iter().map(|s| s.sqrt()).collect::<Vec<_>>();
     ranking.of(chosen.candidate).is_none_or(|a| is_relevant(&rms(&ranking.sum_of_squares), &rms(&a.sum_of_squares)))
-}
-
-/// Sets the linear parameters to the estimates, clamped to the ranges of the law.
-fn begin_at(active: &mut ActiveEffect, coefficients: &[evidence::Estimate]) {
-    let entries = active.entries();
-    let linear = active.values.iter_mut().zip(&entries).filter(|(_, e)| e.parameter.role == Role::Linear);
-    for ((value, entry), estimate) in linear.zip(coefficients) {
-        *value = estimate.value.clamp(entry.parameter.range.0, entry.parameter.range.1);
-    }
 }

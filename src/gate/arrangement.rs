@@ -5,10 +5,11 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use super::instants::{Instants, Predicted};
+use super::instants::{Instants, Predicted, heavier};
 use super::line::Line;
 use crate::dynamics::Plant;
 use crate::identification::dataset::stride_for;
+use crate::identification::residuals::{difference, rms};
 use crate::kinematics::JointState;
 use crate::machine::{AXES, Mechanism};
 
@@ -115,76 +116,130 @@ fn orders(axes: usize) -> Vec<[usize; AXES]> {
 pub struct Judgement {
     /// The arrangement.
     pub arrangement: Arrangement,
+    /// Mass at the flange in addition to the stated payload, kg.
+    pub load: f64,
     /// Line of each channel's measured values over the predicted ones; `None` where either does not vary.
     pub lines: Vec<Option<Line>>,
     /// Sum over the channels of ln(unexplained share) plus penalties; smaller is better.
     pub cost: f64,
 }
 
-/// Assessment of an arrangement; `None` if the machine cannot reach the poses.
-pub fn judge(plant: &Plant, instants: &Instants, arrangement: Arrangement) -> Option<Judgement> {
-    let dataset = instants.dataset;
-    let joints = instants.joints(|j| arrangement.joints(j));
-    let t = dataset.t.first().copied().unwrap_or(0.0);
-    let predicted = Predicted::new(plant, &dataset.channels, t, &joints);
-    if predicted.share() < POSSIBLE {
-        return None;
-    }
-    let line = |c: usize| {
-        let column = dataset.channels[c].drive().map_or(c, |i| arrangement.torque[i]);
-        Line::of(&predicted.series[c], &predicted.of(instants.measured(column, 0)))
-    };
-    let lines: Vec<Option<Line>> = (0..dataset.channels.len()).map(line).collect();
-    let wrong = |l: &Line| WRONG * (f64::from(l.slope < 0.0) + l.slope.abs().max(1e-9).ln().powi(2));
-    let cost = |l: &Line| (l.unexplained + FLOOR).ln() + wrong(l);
-    let cost = lines.iter().flatten().map(cost).sum::<f64>() + CHANGE * arrangement.changes() as f64;
-    Some(Judgement { arrangement, lines, cost })
+/// Number of loads tried, and the largest one relative to what the machine itself weighs on its drives.
+const LOADS: (usize, f64) = (16, 4.0);
+
+/// A machine of which arrangements are tried, perhaps with a load at its flange that nobody stated.
+pub struct Trial<'a> {
+    plant: &'a Plant,
+    /// The machine with a kilogram more, if loads are tried.
+    heavier: Option<Plant>,
 }
 
-/// The arrangement of least cost.
-pub fn best(plant: &Plant, instants: &Instants) -> Option<Judgement> {
-    let some = instants.thinned(THINNED);
-    let few = some.thinned(stride_for(some.at.len(), POSE_INSTANTS));
-    let all = Arrangement::candidates(plant.mechanism);
-    let all = all.into_iter().filter(|a| judge(plant, &few, *a).is_some());
-    let (shifted, plain): (Vec<_>, Vec<_>) =
-        all.filter_map(|a| judge(plant, &some, a)).partition(|j| j.arrangement.zero.iter().any(|z| *z != 0.0));
-    let (mirrored, shifted): (Vec<_>, Vec<_>) =
-        shifted.into_iter().partition(|j| j.arrangement.sign.iter().any(|sign| *sign < 0.0));
-    let least = |judged: Vec<Judgement>| judged.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
-    // Between two zeros of the grid another arrangement may explain more, so zeros are refined before they are compared.
-    let exact = |judged: Vec<Judgement>| least(judged).map(|j| refined(plant, &some, j));
-    let best = least([exact(shifted), exact(mirrored), least(plain)].into_iter().flatten().collect())?;
-    judge(plant, instants, best.arrangement)
+impl<'a> Trial<'a> {
+    /// The machine as its setup states it.
+    pub fn new(plant: &'a Plant) -> Self {
+        Self { plant, heavier: None }
+    }
+
+    /// The machine with any load.
+    pub fn loaded(plant: &'a Plant) -> Self {
+        Self { plant, heavier: Some(heavier(plant)) }
+    }
+
+    /// Assessment of an arrangement with the load that suits it best; `None` if the machine cannot reach the poses.
+    pub fn judge(&self, instants: &Instants, arrangement: Arrangement) -> Option<Judgement> {
+        let dataset = instants.dataset;
+        let joints = instants.joints(|j| arrangement.joints(j));
+        let t = dataset.t.first().copied().unwrap_or(0.0);
+        let predicted = Predicted::new(self.plant, &dataset.channels, t, &joints);
+        if predicted.share() < POSSIBLE {
+            return None;
+        }
+        let column = |c: usize| dataset.channels[c].drive().map_or(c, |i| arrangement.torque[i]);
+        let measured: Vec<Vec<f64>> =
+            (0..dataset.channels.len()).map(|c| predicted.of(instants.measured(column(c), 0))).collect();
+        let judged = |series: &[Vec<f64>], load: f64| {
+            let lines: Vec<Option<Line>> = series.iter().zip(&measured).map(|(p, m)| Line::of(p, m)).collect();
+            let cost = lines.iter().flatten().map(cost).sum::<f64>() + CHANGE * arrangement.changes() as f64;
+            Judgement { arrangement, load, lines, cost }
+        };
+        let own = judged(&predicted.series, 0.0);
+        let Some(heavier) = &self.heavier else { return Some(own) };
+        let heavy = Predicted::new(heavier, &dataset.channels, t, &joints);
+        if heavy.possible != predicted.possible {
+            return Some(own);
+        }
+        let kilogram: Vec<Vec<f64>> =
+            heavy.series.iter().zip(&predicted.series).map(|(h, p)| difference(h, p)).collect();
+        let size = |series: &[Vec<f64>]| series.iter().take(self.plant.mechanism.arms()).map(|s| rms(s)).sum::<f64>();
+        let most = LOADS.1 * size(&predicted.series) / size(&kilogram).max(f64::MIN_POSITIVE);
+        let with = |load: f64| {
+            let one = |(p, k): (&Vec<f64>, &Vec<f64>)| p.iter().zip(k).map(|(p, k)| p + load * k).collect();
+            judged(&predicted.series.iter().zip(&kilogram).map(one).collect::<Vec<Vec<f64>>>(), load)
+        };
+        // Squares of equally spaced numbers: small loads are told apart more finely.
+        let load = |k: f64| most * (k / LOADS.0 as f64).powi(2);
+        let coarse =
+            (1..=LOADS.0).map(|k| k as f64).min_by(|a, b| with(load(*a)).cost.total_cmp(&with(load(*b)).cost))?;
+        let (mut low, mut high) = (load(coarse - 1.0), load(coarse + 1.0));
+        while high - low > 1e-3 * high {
+            let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
+            if with(a).cost < with(b).cost { high = b } else { low = a }
+        }
+        [own, with(0.5 * (low + high))].into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
+    }
+
+    /// The arrangement of least cost.
+    pub fn best(&self, instants: &Instants) -> Option<Judgement> {
+        let some = instants.thinned(THINNED);
+        let few = some.thinned(stride_for(some.at.len(), POSE_INSTANTS));
+        let reached = Trial::new(self.plant);
+        let all = Arrangement::candidates(self.plant.mechanism);
+        let all = all.into_iter().filter(|a| reached.judge(&few, *a).is_some());
+        let (shifted, plain): (Vec<_>, Vec<_>) =
+            all.filter_map(|a| self.judge(&some, a)).partition(|j| j.arrangement.zero.iter().any(|z| *z != 0.0));
+        let (mirrored, shifted): (Vec<_>, Vec<_>) =
+            shifted.into_iter().partition(|j| j.arrangement.sign.iter().any(|sign| *sign < 0.0));
+        let least = |judged: Vec<Judgement>| judged.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
+        // Between two zeros of the grid another arrangement may explain more, so zeros are refined before they are compared.
+        let exact = |judged: Vec<Judgement>| least(judged).map(|j| self.refined(&some, j));
+        let best = least([exact(shifted), exact(mirrored), least(plain)].into_iter().flatten().collect())?;
+        self.judge(instants, best.arrangement)
+    }
+
+    /// The arrangement with its zeros refined locally; those near a quarter turn are set to it, except on a lone axis,
+    /// whose incremental encoder may count from anywhere.
+    fn refined(&self, instants: &Instants, best: Judgement) -> Judgement {
+        let found = best.arrangement;
+        let moved = |by: f64| {
+            let mut a = found;
+            a.zero = a.zero.map(|z| if z == 0.0 { z } else { z + by });
+            a
+        };
+        if moved(1.0) == found {
+            return best;
+        }
+        let cost = |by: f64| self.judge(instants, moved(by)).map_or(f64::INFINITY, |j| j.cost);
+        let (mut low, mut high) = (-0.5 * ZERO_STEP, 0.5 * ZERO_STEP);
+        while high - low > 1e-3 {
+            let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
+            if cost(a) < cost(b) { high = b } else { low = a }
+        }
+        let mut found = moved(0.5 * (low + high));
+        let quarter = |z: f64| (z / FRAC_PI_2).round() * FRAC_PI_2;
+        let is_built = matches!(self.plant.mechanism, Mechanism::Delta { .. });
+        let near = |z: f64| is_built && (z - quarter(z)).abs() < NEAR_QUARTER && quarter(z) != 0.0;
+        found.zero = found.zero.map(|z| if near(z) { quarter(z) } else { (1e4 * z).round() / 1e4 });
+        match self.judge(instants, found) {
+            Some(judged) if judged.cost < best.cost + CHANGE => judged,
+            _ => best,
+        }
+    }
 }
 
-/// The arrangement with its zeros refined locally; those near a quarter turn are set to it, except on a lone axis, whose
-/// incremental encoder may count from anywhere.
-fn refined(plant: &Plant, instants: &Instants, best: Judgement) -> Judgement {
-    let found = best.arrangement;
-    let moved = |by: f64| {
-        let mut a = found;
-        a.zero = a.zero.map(|z| if z == 0.0 { z } else { z + by });
-        a
-    };
-    if moved(1.0) == found {
-        return best;
-    }
-    let cost = |by: f64| judge(plant, instants, moved(by)).map_or(f64::INFINITY, |j| j.cost);
-    let (mut low, mut high) = (-0.5 * ZERO_STEP, 0.5 * ZERO_STEP);
-    while high - low > 1e-3 {
-        let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
-        if cost(a) < cost(b) { high = b } else { low = a }
-    }
-    let mut found = moved(0.5 * (low + high));
-    let quarter = |z: f64| (z / FRAC_PI_2).round() * FRAC_PI_2;
-    let is_built = matches!(plant.mechanism, Mechanism::Delta { .. });
-    let near = |z: f64| is_built && (z - quarter(z)).abs() < NEAR_QUARTER && quarter(z) != 0.0;
-    found.zero = found.zero.map(|z| if near(z) { quarter(z) } else { (1e4 * z).round() / 1e4 });
-    match judge(plant, instants, found) {
-        Some(judged) if judged.cost < best.cost + CHANGE => judged,
-        _ => best,
-    }
+/// Cost of a channel.
+fn cost(line: &Line) -> f64 {
+    let wrong = WRONG * (f64::from(line.slope < 0.0) + line.slope.abs().max(1e-9).ln().powi(2));
+    (line.unexplained + FLOOR).ln() + wrong
 }
 
 #[cfg(test)]

@@ -66,10 +66,15 @@ pub fn plain(model: &Model, dataset: &Dataset) -> Plant {
 
 /// The plant with an additional kilogram of payload at the payload's centre of mass.
 pub fn heavier(plant: &Plant) -> Plant {
-    let mut heavier = plant.clone();
-    let (carrier, kilogram) = heavier.carrier(END_EFFECTOR, Inertia::point(1.0, plant.payload.com));
-    heavier.bodies[carrier] += kilogram;
-    heavier
+    carrying(plant, 1.0)
+}
+
+/// The plant with an additional `load`, kg, at the payload's centre of mass.
+pub fn carrying(plant: &Plant, load: f64) -> Plant {
+    let mut loaded = plant.clone();
+    let (carrier, load) = loaded.carrier(END_EFFECTOR, Inertia::point(load, plant.payload.com));
+    loaded.bodies[carrier] += load;
+    loaded
 }
 
 /// Predictions at a set of instants: one series per channel of the dataset, and which poses are reachable.

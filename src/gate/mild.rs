@@ -4,6 +4,7 @@ use super::instants::{Instants, Predicted, heavier};
 use super::low_pass::low_pass;
 use super::{Evidence, Finding, Problem, Remedy, rounded};
 use crate::dynamics::Plant;
+use crate::identification::Dataset;
 use crate::identification::least_squares::{LeastSquares, least_squares};
 use crate::identification::residuals::{difference, rms};
 use crate::kinematics::JointState;
@@ -42,6 +43,21 @@ pub fn find(model: &Model, plant: &Plant, instants: &Instants) -> Vec<Finding> {
         return vec![other];
     }
     load.and_then(|load| context.payload(&load)).into_iter().chain(constants).collect()
+}
+
+/// Finding about a load in addition to the stated payload, kg; `None` if they are less than nothing.
+pub fn carries(dataset: &Dataset, stated: f64, load: f64) -> Option<Finding> {
+    let total = stated + load;
+    let said = if stated == 0.0 { "states none".into() } else { format!("states {stated} kg") };
+    (total > 0.0).then(|| Finding {
+        recording: dataset.name.clone(),
+        axis: None,
+        problem: Problem::Payload,
+        severe: false,
+        evidence: Evidence { value: Some((total, 0.0)), ..Evidence::default() },
+        sentence: format!("the arms carry about {} kg at the flange, the setup {said}", rounded(total, 2)),
+        remedy: Remedy::PayloadMass(total),
+    })
 }
 
 /// Load that a recording shows and its setup does not state; `None` if there is no clear one.
@@ -244,26 +260,10 @@ impl<'a> Context<'a> {
     }
 
     fn payload(&self, load: &Load) -> Option<Finding> {
-        let stated = self.plant.payload.mass;
-        let total = stated + load.mass;
-        if total <= 0.0 {
-            return None;
-        }
-        let said = if stated == 0.0 { "states none".into() } else { format!("states {stated} kg") };
-        Some(Finding {
-            recording: self.instants.dataset.name.clone(),
-            axis: None,
-            problem: Problem::Payload,
-            severe: false,
-            evidence: Evidence {
-                value: Some((total, load.std)),
-                rms_before: Some(load.before),
-                rms_after: Some(load.after),
-                ..Evidence::default()
-            },
-            sentence: format!("the arms carry about {} kg at the flange, the setup {said}", rounded(total, 2)),
-            remedy: Remedy::PayloadMass(total),
-        })
+        let found = carries(self.instants.dataset, self.plant.payload.mass, load.mass)?;
+        let value = found.evidence.value.map(|(total, _)| (total, load.std));
+        let (rms_before, rms_after) = (Some(load.before), Some(load.after));
+        Some(Finding { evidence: Evidence { value, rms_before, rms_after, ..Evidence::default() }, ..found })
     }
 
     /// A constant torque of one axis.

@@ -1,9 +1,9 @@
 //! Findings that make a fit meaningless: signs, factors, order and zeros of columns, another machine.
 
-use super::arrangement::{Arrangement, Judgement, best, judge};
-use super::instants::{Instants, Predicted};
+use super::arrangement::{Arrangement, Judgement, Trial};
+use super::instants::{Instants, Predicted, carrying};
 use super::line::Line;
-use super::mild::load;
+use super::mild::{carries, load};
 use super::{Evidence, Finding, Problem, Remedy, rounded};
 use crate::dynamics::Plant;
 use crate::identification::least_squares::least_squares;
@@ -40,7 +40,7 @@ const WORTHLESS: f64 = 2.0;
 
 /// Findings about signs, factors, order and zeros; about the machine as a whole where nothing else explains them.
 pub fn find(model: &Model, plant: &Plant, instants: &Instants) -> Vec<Finding> {
-    let plain = judge(plant, instants, Arrangement::PLAIN);
+    let plain = Trial::new(plant).judge(instants, Arrangement::PLAIN);
     let drives = |p: &Judgement| p.lines.iter().copied().take(plant.mechanism.axes()).collect::<Vec<_>>();
     let all = plain.as_ref().map_or_else(Vec::new, drives);
     let arms = plant.mechanism.arms();
@@ -53,8 +53,12 @@ pub fn find(model: &Model, plant: &Plant, instants: &Instants) -> Vec<Finding> {
         return vec![finding];
     }
     let carried = || load(model, plant, instants).is_some_and(|l| l.after < CARRIED * l.before.min(l.measured));
-    let other = if strange && !carried() { best(plant, instants) } else { None };
+    let tried = strange && !carried();
+    let other = if tried { Trial::new(plant).best(instants) } else { None };
     let other = other.filter(|b| believable(b, plain.as_ref(), plant));
+    if let Some(found) = (tried && other.is_none()).then(|| with_load(model, plant, instants)).flatten() {
+        return found;
+    }
     let Some(judged) = other.as_ref().or(plain.as_ref()) else {
         return vec![impossible(plant, instants)];
     };
@@ -69,6 +73,30 @@ pub fn find(model: &Model, plant: &Plant, instants: &Instants) -> Vec<Finding> {
 
 fn usual(line: &Line) -> bool {
     line.correlation > CORRELATED && (SLOPE.0..SLOPE.1).contains(&line.slope)
+}
+
+/// Findings about an arrangement that explains the recording together with a load that nobody stated, where neither does
+/// alone.
+fn with_load(model: &Model, plant: &Plant, instants: &Instants) -> Option<Vec<Finding>> {
+    if !plant.assembled {
+        return None;
+    }
+    let trial = Trial::loaded(plant);
+    let plain = trial.judge(instants, Arrangement::PLAIN);
+    let best = trial.best(instants).filter(|b| b.load > 0.0 && believable(b, plain.as_ref(), plant))?;
+    if !best.lines.iter().take(plant.mechanism.arms()).flatten().all(|l| l.slope < 0.0 || usual(l)) {
+        return None;
+    }
+    let loaded = carrying(plant, best.load);
+    let judged = Trial::new(&loaded).judge(instants, best.arrangement)?;
+    let plain = Trial::new(&loaded).judge(instants, Arrangement::PLAIN);
+    let context = Context { model, plant: &loaded, instants, plain: plain.as_ref(), judged: &judged };
+    let mut found = context.axes();
+    if found.is_empty() {
+        return None;
+    }
+    found.extend(carries(instants.dataset, plant.payload.mass, best.load));
+    Some(found)
 }
 
 /// Whether an arrangement explains the recording and the file's own does not.

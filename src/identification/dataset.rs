@@ -99,11 +99,18 @@ impl Dataset {
             Mechanism::Delta { .. } => pieces.iter().map(|(kept, _)| vec![kept.clone()]).collect(),
         };
         for ((kept, joints), moving) in pieces.into_iter().zip(moving) {
+            // A recording without gaps and rests, the largest case, is moved and not copied.
+            let whole = kept.len() == total && moving == [kept.clone()];
+            if whole {
+                dataset.joints = joints;
+            } else {
+                let pieces = moving.iter().map(|range| &joints[range.start - kept.start..range.end - kept.start]);
+                dataset.joints.extend(pieces.flatten());
+            }
             for range in moving {
                 let first = dataset.t.len();
                 dataset.t.extend(&signals.t[range.clone()]);
                 dataset.readings.angles.extend(&signals.q[range.clone()]);
-                dataset.joints.extend_from_slice(&joints[range.start - kept.start..range.end - kept.start]);
                 for (series, &channel) in dataset.measured.iter_mut().zip(&dataset.channels) {
                     series.extend(range.clone().map(|k| measured_value(signals, channel, k)));
                 }
@@ -205,6 +212,13 @@ impl Dataset {
             half_width: self.half_width.map(|m| (m / block).max(MIN_HALF_WIDTH)),
             ..self.empty()
         }
+    }
+
+    /// Adds `offset`, rad or m, to the positions of an axis.
+    pub fn shift(&mut self, axis: usize, offset: f64) {
+        self.joints.iter_mut().for_each(|j| j.q[axis] += offset);
+        self.readings.angles.iter_mut().for_each(|q| q[axis] += offset);
+        self.readings.ringing = OnceLock::new();
     }
 
     /// Keeps only `channels`, in their order; channels that the dataset lacks are ignored.

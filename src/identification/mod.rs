@@ -4,6 +4,7 @@
 //! channels of a plant along a dataset and their derivatives with respect to the parameters; [`mod@fit`] is weighted
 //! least squares with a prior.
 
+pub mod bandwidth;
 pub mod base_parameters;
 pub mod consistency;
 pub mod dataset;
@@ -13,6 +14,7 @@ pub mod filtering;
 pub mod fit;
 pub mod initial;
 pub mod least_squares;
+pub mod lines;
 pub mod normal_equations;
 pub mod payload;
 pub mod prediction;
@@ -20,6 +22,8 @@ pub mod regularisation;
 pub mod residuals;
 pub mod smoother;
 mod swapped;
+pub mod uncertainty;
+pub mod zeros;
 
 pub use base_parameters::BaseParameter;
 pub use dataset::{Dataset, EncoderReadings};

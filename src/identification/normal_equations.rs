@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::dataset::stride_for;
 use super::fit::{FitError, kinematics};
-use super::prediction::{Channels, is_local, prediction_and_columns, surroundings};
+use super::prediction::{Channels, chunk, is_local, prediction_and_columns, surroundings};
 use super::residuals::difference;
 use super::{Dataset, Residuals};
 use crate::dynamics::Plant;
@@ -21,9 +21,6 @@ use crate::model::Model;
 const BLOCKS: usize = 100;
 /// Least number of samples of a block.
 const MIN_BLOCK: usize = 20;
-/// Number of samples of a window, whose columns fit the cache of a core.
-const WINDOW: usize = 1024;
-
 /// Number of samples whose rows are kept.
 const ROWS: usize = 2000;
 
@@ -102,7 +99,7 @@ impl NormalEquations {
         weight: Weight,
     ) -> Result<Channels, FitError> {
         let length = dataset.len().div_ceil(BLOCKS).max(MIN_BLOCK);
-        let window = if is_local(plant) { length * (WINDOW / length).max(1) } else { dataset.len().max(1) };
+        let window = if is_local(plant) { length * (chunk(plant) / length).max(1) } else { dataset.len().max(1) };
         let starts: Vec<usize> = (0..dataset.len()).step_by(window).collect();
         let rows = Rows { length, stride: self.stride, sigma, free, weight };
         let parts: Vec<Part> = starts

@@ -68,22 +68,28 @@ fn reach(plant: &Plant, dataset: &Dataset) -> usize {
     samples.max(256)
 }
 
-/// Number of samples predicted together.
-const CHUNK: usize = 1024;
+/// Number of samples predicted together, and factor on it if sensors need their neighbours, too.
+const CHUNK: (usize, usize) = (1024, 4);
+
+/// Number of samples of a plant that are predicted together.
+pub fn chunk(plant: &Plant) -> usize {
+    if plant.observes() { CHUNK.0 * CHUNK.1 } else { CHUNK.0 }
+}
 
 /// Predicted channels of a plant along a dataset.
 ///
 /// # Errors
 /// [`KinematicsError`] if a pose is impossible for the plant's geometry or a law gives no finite value.
 pub fn predict(plant: &Plant, dataset: &Dataset) -> Result<Channels, KinematicsError> {
-    if !is_local(plant) || dataset.len() <= CHUNK {
+    let chunk = chunk(plant);
+    if !is_local(plant) || dataset.len() <= chunk {
         return predict_along(plant, dataset, &joints(plant, dataset)?);
     }
-    let starts: Vec<usize> = (0..dataset.len()).step_by(CHUNK).collect();
+    let starts: Vec<usize> = (0..dataset.len()).step_by(chunk).collect();
     let pieces: Vec<Channels> = starts
         .into_par_iter()
         .map(|start| {
-            let range = start..(start + CHUNK).min(dataset.len());
+            let range = start..(start + chunk).min(dataset.len());
             let (around, shift) = surroundings(plant, dataset, &range);
             let piece = predict_along(plant, &around, &joints(plant, &around)?);
             let mut piece = piece.map_err(|e| e.later(range.start - shift))?;

@@ -395,6 +395,13 @@ impl Geometry {
         self.telescope_bar(position).norm()
     }
 
+    /// Angle between the telescope and the vertical, rad, at a platform position (m): the angle of both Hooke joints as
+    /// long as the platform is horizontal.
+    pub fn telescope_tilt(&self, position: &Vector3<f64>) -> f64 {
+        let bar = self.telescope_bar(position);
+        bar.x.hypot(bar.y).atan2(bar.z)
+    }
+
     /// Checks arm angles (rad) against their limits.
     ///
     /// # Errors

@@ -8,6 +8,7 @@ use crate::effects::{ActiveEffect, GearSpring, Instant, Kind, Part, Wrenches};
 use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
 use crate::machine::bodies::{BODIES, STRUT};
 use crate::machine::{ARMS, AXES, STRUTS};
+use crate::numerics::tanh;
 
 /// Arguments of a force law besides plant, motion and reactions.
 #[derive(Clone, Copy)]
@@ -255,7 +256,7 @@ impl Forces {
         if self.brake > 0.0 {
             for axis in 0..AXES {
                 let (body, direction) = Motion::drive(axis);
-                let torque = -self.brake * (BRAKE_STEEPNESS * motion.qd[axis]).tanh();
+                let torque = -self.brake * tanh(BRAKE_STEEPNESS * motion.qd[axis]);
                 wrenches[body].1 += direction * torque;
                 power += torque * motion.qd[axis];
             }

@@ -112,6 +112,27 @@ fn a_good_recording_passes() {
 }
 
 #[test]
+fn a_turned_axis_is_named_beside_a_load_that_nobody_stated() {
+    common::at_root();
+    for (axis, mass) in [(1, 2.5), (0, 5.0)] {
+        let payload = Payload { mass, com: [0.0, 0.0, -0.05], ..Payload::default() };
+        let mut recording = measured(&robot(3), &motion(5), payload, 7);
+        recording.setup.payload = Payload::default();
+        each(&mut recording.signals, |q, tau| (q[axis], tau[axis]) = (-q[axis], -tau[axis]));
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("run.csv");
+        recording::write(&recording, &file).unwrap();
+        let found = examined(&file, &[], None);
+        assert_eq!(problems(&found), [(Some(axis + 1), Problem::AxisSign), (None, Problem::Payload)], "{found:?}");
+        let Some(Remedy::Map(assignments)) = combined(&found) else { panic!("no map: {found:?}") };
+        let Remedy::PayloadMass(told) = found[1].remedy else { panic!("no mass: {found:?}") };
+        assert!((told / mass - 1.0).abs() < 0.15, "{told} kg for {mass} kg");
+        let left = examined(&file, &[assignments.join(", ").parse().unwrap()], Some(told));
+        assert_eq!(problems(&left), [], "{assignments:?} and {told} kg leave {left:?}");
+    }
+}
+
+#[test]
 fn signs_are_named_and_mended() {
     common::at_root();
     let found = found_and_mended(|s| each(s, |_, tau| tau[0] = -tau[0]));

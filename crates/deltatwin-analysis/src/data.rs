@@ -5,13 +5,16 @@ use std::path::{Path, PathBuf};
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::gate::{Finding, Problem, inspect};
 use deltatwin::identification::Dataset;
+use deltatwin::identification::bandwidth::{bandwidth, narrow};
 use deltatwin::identification::derivatives::Method;
-use deltatwin::machine::Mechanism;
+use deltatwin::identification::zeros::{Zero, zeros};
+use deltatwin::machine::{Mechanism, Unit};
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
-use deltatwin::text::nearest;
+use deltatwin::text::{nearest, significant};
 use deltatwin_io::recording::{self, Mapping, ReadError, Reading};
 use miette::miette;
+use serde_json::{Value, json};
 
 /// Files of recordings and how they are read.
 #[derive(Clone, Debug, Default)]
@@ -34,6 +37,10 @@ pub struct Inputs {
     pub max_memory: Option<u64>,
     /// Mass of the payload, kg, instead of what the setup states.
     pub payload_mass: Option<f64>,
+    /// Cut-off of the accelerations of a lone axis, Hz; infinite for none, found from the recordings if `None`.
+    pub bandwidth: Option<f64>,
+    /// Whether the positions of a lone axis stay as recorded, even if recordings have other zeros.
+    pub keep_zeros: bool,
     /// Whether a recording is fitted even if it does not belong to the model.
     pub no_gate: bool,
 }
@@ -70,6 +77,10 @@ impl Inputs {
         self.gear_ratio.iter().for_each(|ratio| option("--gear-ratio", ratio.to_string()));
         self.max_memory.iter().for_each(|bytes| option("--max-memory", bytes.to_string()));
         self.payload_mass.iter().for_each(|mass| option("--payload-mass", mass.to_string()));
+        self.bandwidth.iter().for_each(|hz| words.extend(["--bandwidth".into(), hz.to_string()]));
+        if self.keep_zeros {
+            words.push("--keep-zeros".into());
+        }
         if self.no_gate {
             words.push("--no-gate".into());
         }
@@ -83,8 +94,45 @@ pub struct Data {
     pub datasets: Vec<Dataset>,
     /// Datasets for validation.
     pub held_out: Vec<Dataset>,
+    /// Zeros of recordings that were joined to that of the first.
+    pub zeros: Vec<Joined>,
     /// Warnings about repaired or omitted data.
     pub warnings: Vec<String>,
+}
+
+/// Zero of a recording that was joined to that of the first.
+#[derive(Clone, Debug)]
+pub struct Joined {
+    /// Name of the recording.
+    pub recording: String,
+    /// Name of the first recording.
+    pub to: String,
+    /// Unit of the positions.
+    pub unit: Unit,
+    /// What was added to its positions.
+    pub zero: Zero,
+}
+
+impl std::fmt::Display for Joined {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let sentence = self.zero.sentence([&self.recording, &self.to], self.unit);
+        write!(f, "{sentence}; --keep-zeros leaves them")
+    }
+}
+
+impl Joined {
+    /// The zero as a JSON object.
+    pub fn json(&self) -> Value {
+        json!({
+            "recording": self.recording,
+            "to": self.to,
+            "offset": self.zero.offset,
+            "std": self.zero.std,
+            "unit": self.unit.to_string(),
+            "orders": self.zero.orders,
+            "others": self.zero.others,
+        })
+    }
 }
 
 impl Data {
@@ -120,7 +168,51 @@ impl Data {
     /// As [`Self::read`].
     pub fn read_with(inputs: &Inputs, model: &Model, method: Method) -> Result<Self, ReadError> {
         let how = inputs.reading(Some(model.mechanism));
-        Self::read_each(inputs, |file, warnings| dataset_of(file, &how, model, method, warnings))
+        let mut data = Self::read_each(inputs, |file, warnings| dataset_of(file, &how, model, method, warnings))?;
+        data.narrow(inputs.bandwidth, model.mechanism);
+        if !inputs.keep_zeros {
+            data.join(model.mechanism);
+        }
+        Ok(data)
+    }
+
+    /// A result as JSON with the `zeros` that were joined.
+    pub fn with_zeros(&self, mut result: Value) -> Value {
+        result["zeros"] = self.zeros.iter().map(Joined::json).collect();
+        result
+    }
+
+    /// Low-passes the accelerations of a lone axis at the cut-off `stated`, Hz, or else where their torques no longer follow
+    /// them in the recordings to fit to.
+    fn narrow(&mut self, stated: Option<f64>, mechanism: Mechanism) {
+        let found = stated.is_none().then(|| bandwidth(mechanism, &self.datasets)).flatten();
+        let cut_off = found.or(stated.filter(|f| f.is_finite() && matches!(mechanism, Mechanism::Axis(_))));
+        let Some(cut_off) = cut_off else { return };
+        narrow(&mut self.datasets, cut_off);
+        narrow(&mut self.held_out, cut_off);
+        if found.is_some() {
+            let text = significant(cut_off, 2);
+            self.warnings.push(format!(
+                "accelerations are low-passed at {text} Hz: what is faster, noise or ringing, does not show in the torque; \
+                 --bandwidth HZ states another cut-off, --bandwidth inf none"
+            ));
+        }
+    }
+
+    /// Joins the zeros of all recordings of a lone axis to that of the first.
+    fn join(&mut self, mechanism: Mechanism) {
+        let count = self.datasets.len();
+        let mut all: Vec<Dataset> = self.datasets.drain(..).chain(self.held_out.drain(..)).collect();
+        for zero in zeros(mechanism, &all) {
+            let to = all[0].name.clone();
+            let dataset = &mut all[zero.recording];
+            dataset.shift(0, zero.offset);
+            let unit = mechanism.unit(Unit::Rad);
+            self.zeros.push(Joined { recording: dataset.name.clone(), to, unit, zero });
+        }
+        self.warnings.extend(self.zeros.iter().map(Joined::to_string));
+        self.held_out = all.split_off(count);
+        self.datasets = all;
     }
 
     /// Reads all recordings of any machine, restricted to their common channels.
@@ -149,7 +241,7 @@ impl Data {
         }
         warnings.extend(keep_common_channels(&mut datasets));
         let held_out = datasets.split_off(inputs.data.len());
-        Ok(Self { datasets, held_out, warnings })
+        Ok(Self { datasets, held_out, zeros: Vec::new(), warnings })
     }
 }
 

@@ -9,7 +9,7 @@ use sha2::{Digest, Sha256};
 
 use crate::page::{self, Origin};
 use crate::run::Analysis;
-use crate::{Data, Inputs, add, compare, diagnose, gate};
+use crate::{Data, Inputs, Joined, add, compare, diagnose, gate};
 use deltatwin::identification::Estimate;
 use deltatwin::model::{Model, Provenance};
 use deltatwin_io::file::replace_text;
@@ -130,6 +130,7 @@ pub fn result(analysis: &Analysis, origin: &Origin) -> Value {
     object.insert("date".into(), json!(origin.date));
     object.insert("inputs".into(), origin.inputs.iter().map(Input::json).collect());
     object.insert("warnings".into(), origin.warnings.iter().chain(&analysis.warnings).map(|w| json!(w)).collect());
+    object.insert("zeros".into(), analysis.zeros.iter().map(Joined::json).collect());
     let d = &analysis.diagnosis;
     let (fitted, model) = (Path::new(IDENTIFIED), Path::new(MODEL));
     let stages = json!({

@@ -5,7 +5,7 @@ use thiserror::Error;
 
 use crate::data::Data;
 use deltatwin::dynamics::Channel;
-use deltatwin::gate::{Finding, combined, examine};
+use deltatwin::gate::{Finding, Remedy, combined, examine};
 use deltatwin::model::Model;
 use deltatwin::text::significant;
 
@@ -40,7 +40,11 @@ impl Examined {
             if found.iter().any(|f| f.severe) {
                 let lines: Vec<String> = found.iter().map(|f| format!("\n  {}", line(f))).collect();
                 let remedy = match combined(&found) {
-                    Some(map) => format!("\n  remedy: {map}"),
+                    Some(map) => {
+                        let loads = found.iter().filter(|f| matches!(f.remedy, Remedy::PayloadMass(_)));
+                        let loads: String = loads.map(|f| format!(" {}", f.remedy)).collect();
+                        format!("\n  remedy: {map}{loads}")
+                    }
                     None => format!("\n  remedy: {}", found[0].remedy),
                 };
                 let what = format!("{}: does not fit the model {}", dataset.name, model.name);

@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-use crate::data::Data;
+use crate::data::{Data, Joined};
 use crate::gate::{Examined, Refusal};
 use crate::identify::Identification;
 use deltatwin::comparison::{Comparison, compare};
@@ -70,6 +70,8 @@ pub struct Step<'a> {
 pub struct Analysis {
     /// Findings of the gate.
     pub gate: Vec<Finding>,
+    /// Zeros of recordings that were joined to that of the first.
+    pub zeros: Vec<Joined>,
     /// Warnings about data and results.
     pub warnings: Vec<String>,
     /// The delivered model and what was measured.
@@ -133,7 +135,8 @@ pub fn run(
         step(Stage::Diagnose, fraction, what);
     })?;
     warnings.extend(crate::gate::much_is_left(&diagnosis.channels, &diagnosis.rms_after, &diagnosis.noise_floor));
-    Ok(Analysis { gate, warnings, delivered, identification, identified, diagnosis })
+    let zeros = data.zeros.clone();
+    Ok(Analysis { gate, zeros, warnings, delivered, identification, identified, diagnosis })
 }
 
 /// Fit of `model` with the default options, and the errors that it leaves.

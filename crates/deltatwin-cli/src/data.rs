@@ -24,6 +24,13 @@ pub struct DataArgs {
     /// Mass of the payload in kg, instead of what the setup states.
     #[arg(long, value_name = "KG", value_parser = mass)]
     pub payload_mass: Option<f64>,
+    /// Cut-off of a lone axis' accelerations in Hz, `inf` for none, instead of the one found from the recordings.
+    #[arg(long, value_name = "HZ", value_parser = above_zero)]
+    pub bandwidth: Option<f64>,
+    /// Leave the positions of a lone axis as recorded; without it, recordings whose encoder counts from elsewhere than in
+    /// the first are joined to that by weight and cogging.
+    #[arg(long)]
+    pub keep_zeros: bool,
     /// Go on even if signs, factors, order or zeros of the columns say that the recording does not fit the model.
     #[arg(long)]
     pub no_gate: bool,
@@ -64,6 +71,8 @@ impl DataArgs {
             gear_ratio,
             max_memory,
             payload_mass: self.payload_mass,
+            bandwidth: self.bandwidth,
+            keep_zeros: self.keep_zeros,
             no_gate: self.no_gate,
         }
     }
@@ -90,6 +99,11 @@ pub fn positive(text: &str) -> Result<f64, String> {
         Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
         _ => Err("expected a number above 0".into()),
     }
+}
+
+/// The number above zero, infinity included, that `text` states.
+fn above_zero(text: &str) -> Result<f64, String> {
+    text.parse::<f64>().ok().filter(|x| *x > 0.0).ok_or("expected a number above 0, or inf".into())
 }
 
 /// The number of bytes that `text` states, with K, M, G or T for powers of 1024.

@@ -1,11 +1,7 @@
 //! Mutates shipped files and command lines, and counts what did not end with an answer or a refusal.
 //!
 //! Mutations are structured (numbers, lines, lengths, stretches of other files) and repeat for a seed; nothing guides
-//! them to new code. Every finding is kept as a file; those that were mended are in `tests/files/corpus`.
-
-mod command;
-mod mutation;
-mod target;
+//! them to new code; `guided/` has the same readers for a fuzzer that is guided. Every finding is kept as a file; those that were mended are in `tests/files/corpus`.
 
 use std::collections::BTreeMap;
 use std::panic::catch_unwind;
@@ -15,12 +11,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Parser;
-use rand::SeedableRng;
 use rand::seq::IndexedRandom;
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use self::command::End;
-use self::target::{TARGETS, Target, seeds};
+use deltatwin_fuzz::command::{self, End};
+use deltatwin_fuzz::mutation;
+use deltatwin_fuzz::target::{self, TARGETS, Target, seeds};
 
 /// Longest time of one input, s.
 const LONGEST: u64 = 10;
@@ -46,6 +43,9 @@ struct Args {
     /// Folder of the project, with its models and scenarios.
     #[arg(long, default_value = ".")]
     root: PathBuf,
+    /// Folder to write the shipped inputs to, by reader, for guided fuzzing; nothing else is done.
+    #[arg(long)]
+    seeds: Option<PathBuf>,
     /// Folder for the findings.
     #[arg(long, default_value = "findings")]
     findings: PathBuf,
@@ -64,8 +64,11 @@ fn main() -> ExitCode {
 
 fn run(args: &Args) -> std::io::Result<u64> {
     let root = args.root.canonicalize()?;
+    if let Some(folder) = &args.seeds {
+        return seeds_written(&root, folder).map(|()| 0);
+    }
     let folder = tempfile::tempdir()?;
-    let seed_files = prepared(&root, folder.path())?;
+    let mut seed_files = prepared(&root, folder.path())?;
     let mut found = 0;
     watch();
     for target in TARGETS.iter().filter(|t| args.target.as_ref().is_none_or(|name| name == t.name)) {
@@ -74,8 +77,10 @@ fn run(args: &Args) -> std::io::Result<u64> {
         found += bad;
     }
     if let Some(program) = args.program.as_ref().filter(|_| args.commands > 0) {
-        let ends = commands(&program.canonicalize()?, args, folder.path(), &seed_files)?;
-        let count = |end: End| ends.get(&format!("{end:?}")).copied().unwrap_or(0);
+        let program = program.canonicalize()?;
+        recorded(&program, folder.path(), &mut seed_files)?;
+        let ends = commands(&program, args, folder.path(), &seed_files)?;
+        let count = |end: End| ends.get(&end).copied().unwrap_or(0);
         println!(
             "commands  {:>7} tried: {} answers, {} refusals, {} panics, {} aborts, {} hangs, {} nonsense",
             args.commands,
@@ -91,6 +96,27 @@ fn run(args: &Args) -> std::io::Result<u64> {
     Ok(found)
 }
 
+/// Writes the seeds of every reader to `folder/<reader>`.
+fn seeds_written(root: &Path, folder: &Path) -> std::io::Result<()> {
+    let recording = recording();
+    for target in &TARGETS {
+        let place = folder.join(target.name);
+        std::fs::create_dir_all(&place)?;
+        let mut inputs: Vec<Vec<u8>> = target.seeds.iter().flat_map(|name| seeds(root, name)).collect();
+        if target.file.starts_with("run.") && target.name != "setup" {
+            let file = place.join(target.file);
+            deltatwin_io::recording::write(&recording, &file).map_err(std::io::Error::other)?;
+            inputs.push(std::fs::read(&file)?);
+            std::fs::remove_file(&file)?;
+            let _ = std::fs::remove_file(place.join("run.setup.toml"));
+        }
+        for (k, input) in inputs.iter().enumerate() {
+            std::fs::write(place.join(format!("seed-{k}")), input)?;
+        }
+    }
+    Ok(())
+}
+
 /// Files that a run needs and those that it mutates: a copy of models and scenarios, and a short recording.
 fn prepared(root: &Path, folder: &Path) -> std::io::Result<BTreeMap<String, Vec<u8>>> {
     let mut files = BTreeMap::new();
@@ -102,7 +128,7 @@ fn prepared(root: &Path, folder: &Path) -> std::io::Result<BTreeMap<String, Vec<
                 let name = format!("{place}/{}", path.file_name().unwrap_or_default().to_string_lossy());
                 let mut bytes = std::fs::read(&path)?;
                 if place == "scenarios" {
-                    bytes = shortened(bytes);
+                    bytes = lasting(&bytes, "0.4");
                 }
                 std::fs::write(folder.join(&name), &bytes)?;
                 files.insert(name, bytes);
@@ -118,10 +144,11 @@ fn prepared(root: &Path, folder: &Path) -> std::io::Result<BTreeMap<String, Vec<
     Ok(files)
 }
 
-/// The scenario with a run of half a second at most.
-fn shortened(bytes: Vec<u8>) -> Vec<u8> {
-    let text = String::from_utf8_lossy(&bytes);
-    let line = |line: &str| if line.starts_with("duration") { "duration = 0.4".to_string() } else { line.to_string() };
+/// The scenario with a run of so many seconds.
+fn lasting(bytes: &[u8], seconds: &str) -> Vec<u8> {
+    let text = String::from_utf8_lossy(bytes);
+    let line =
+        |line: &str| if line.starts_with("duration") { format!("duration = {seconds}") } else { line.to_string() };
     text.lines().map(line).collect::<Vec<_>>().join("\n").into_bytes()
 }
 
@@ -198,24 +225,52 @@ fn readers(
     Ok((args.inputs, bad))
 }
 
+/// Makes the recordings `run` (a robot, 5 s) and `axis` (a lone axis, 6 s) by the program in `folder`, and adds them to `files`.
+fn recorded(program: &Path, folder: &Path, files: &mut BTreeMap<String, Vec<u8>>) -> std::io::Result<()> {
+    for (scenario, seconds, outputs) in
+        [("excitation", 5, ["run.csv", "run.mcap"].as_slice()), ("servo-axis", 6, ["axis.csv"].as_slice())]
+    {
+        let text = &files[&format!("scenarios/{scenario}.toml")];
+        let short = lasting(text, &seconds.to_string());
+        std::fs::write(folder.join("scenarios/recorded.toml"), short)?;
+        for output in outputs {
+            let _ = std::fs::remove_file(folder.join(output));
+            let line = ["simulate", "scenarios/recorded.toml", "-o", output].map(String::from);
+            let end = command::run(program, folder, &line, Duration::from_secs(60))?;
+            if end != End::Answer {
+                let told = std::fs::read_to_string(folder.join("stderr")).unwrap_or_default();
+                return Err(std::io::Error::other(format!("`{}` ends with {end:?}: {told}", line.join(" "))));
+            }
+            files.insert((*output).into(), std::fs::read(folder.join(output))?);
+        }
+    }
+    Ok(())
+}
+
 /// Number of command lines by the way in which they ended.
 fn commands(
     program: &Path,
     args: &Args,
     folder: &Path,
     files: &BTreeMap<String, Vec<u8>>,
-) -> std::io::Result<BTreeMap<String, u64>> {
+) -> std::io::Result<BTreeMap<End, u64>> {
     let mut random = ChaCha8Rng::seed_from_u64(args.seed);
     let names: Vec<&String> = files.keys().collect();
     let mut ends = BTreeMap::new();
     for k in 0..args.commands {
         let line = command::line(&mut random);
-        // Mostly a file that the command reads; sometimes none is touched.
         let read: Vec<&String> = names.iter().filter(|name| line.contains(name)).copied().collect();
-        let mutated = read.choose(&mut random).copied().filter(|_| k % 10 != 0);
-        if let Some(name) = mutated {
-            let other = names.choose(&mut random).map_or(&files[name], |other| &files[*other]);
-            std::fs::write(folder.join(name), mutation::mutated(&files[name], other, &mut random))?;
+        let mutated = read.choose(&mut random).copied();
+        let content = mutated.and_then(|name| match random.random_range(0..10) {
+            0..4 => None,
+            4..8 => Some((name, mutation::nudged(&files[name], &mut random))),
+            _ => {
+                let other = names.choose(&mut random).map_or(name, |other| other);
+                Some((name, mutation::mutated(&files[name], &files[other], &mut random)))
+            }
+        });
+        if let Some((name, content)) = &content {
+            std::fs::write(folder.join(name), content)?;
         }
         let end = command::run(program, folder, &line, Duration::from_secs(LONGEST))?;
         if !matches!(end, End::Answer | End::Refusal) {
@@ -223,16 +278,17 @@ fn commands(
             std::fs::create_dir_all(&kept)?;
             std::fs::write(kept.join("line.txt"), line.join(" "))?;
             let _ = std::fs::copy(folder.join("stderr"), kept.join("stderr"));
-            if let Some(name) = mutated {
-                std::fs::copy(folder.join(name), kept.join(name.replace('/', "-")))?;
+            if let Some((name, content)) = &content {
+                std::fs::write(kept.join(name.replace('/', "-")), content)?;
             }
         }
-        *ends.entry(format!("{end:?}")).or_default() += 1;
-        if let Some(name) = mutated {
-            std::fs::write(folder.join(name), &files[name])?;
+        *ends.entry(end).or_default() += 1;
+        if let Some((name, _)) = &content {
+            std::fs::write(folder.join(name), &files[*name])?;
         }
-        for out in ["out.csv", "out.mcap", "out.toml", "imported.csv", "out.setup.toml"] {
-            let _ = std::fs::remove_file(folder.join(out));
+        for out in command::WRITTEN {
+            let out = folder.join(out);
+            let _ = if out.is_dir() { std::fs::remove_dir_all(&out) } else { std::fs::remove_file(&out) };
         }
     }
     Ok(ends)

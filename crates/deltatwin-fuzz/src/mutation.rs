@@ -56,6 +56,20 @@ pub fn mutated(seed: &[u8], other: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
     out
 }
 
+/// A copy of `seed` with one number of a text somewhat changed, or one bit of anything else.
+pub fn nudged(seed: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
+    let mut out = seed.to_vec();
+    if std::str::from_utf8(&out).is_err() {
+        flip(&mut out, random);
+        return out;
+    }
+    let Some((start, end)) = a_number(&out, random) else { return out };
+    let old = std::str::from_utf8(&out[start..end]).ok().and_then(|text| text.parse::<f64>().ok());
+    let new = old.map_or(String::new(), |old| (old * random.random_range(0.5..2.0)).to_string());
+    out.splice(start..end, new.into_bytes());
+    out
+}
+
 fn place(length: usize, random: &mut ChaCha8Rng) -> usize {
     if length == 0 { 0 } else { random.random_range(0..length) }
 }
@@ -108,16 +122,21 @@ fn length(bytes: &mut [u8], random: &mut ChaCha8Rng) {
     }
 }
 
-/// Replaces a number.
-fn number(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
+/// Where a random number of a text begins and ends.
+fn a_number(bytes: &[u8], random: &mut ChaCha8Rng) -> Option<(usize, usize)> {
     let is_part = |b: &u8| b.is_ascii_digit() || b"+-.eE_".contains(b);
     let starts: Vec<usize> = (0..bytes.len())
         .filter(|&i| {
             bytes[i].is_ascii_digit() && (i == 0 || !bytes[i - 1].is_ascii_alphanumeric() && !is_part(&bytes[i - 1]))
         })
         .collect();
-    let Some(&start) = starts.choose(random) else { return };
-    let end = start + bytes[start..].iter().take_while(|b| is_part(b)).count();
+    let start = *starts.choose(random)?;
+    Some((start, start + bytes[start..].iter().take_while(|b| is_part(b)).count()))
+}
+
+/// Replaces a number.
+fn number(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
+    let Some((start, end)) = a_number(bytes, random) else { return };
     let new = match random.random_range(0..4) {
         0 => format!("{:e}", 10f64.powi(random.random_range(-30..30)) * random.random_range(-1.0..1.0)),
         _ => NUMBERS.choose(random).map_or(String::new(), |text| text.to_string()),

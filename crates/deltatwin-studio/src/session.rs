@@ -56,6 +56,10 @@ pub struct How {
     pub joint: Option<String>,
     /// `--payload-mass`, kg.
     pub payload_mass: Option<f64>,
+    /// `--bandwidth`, Hz.
+    pub bandwidth: Option<f64>,
+    /// `--keep-zeros`.
+    pub keep_zeros: bool,
     /// `--no-gate`.
     pub no_gate: bool,
 }
@@ -200,6 +204,8 @@ impl Session {
             rate: self.how.rate,
             gear_ratio: self.how.gear_ratio,
             payload_mass: self.how.payload_mass,
+            bandwidth: self.how.bandwidth,
+            keep_zeros: self.how.keep_zeros,
             no_gate: self.how.no_gate,
             max_memory: None,
         })

@@ -65,10 +65,24 @@ impl<'a> Wrenches<'a> {
         match &mut self.sink {
             Sink::Each(read) => read(k, body, force, moment),
             Sink::Sum { values, motion, total, power } => {
+                let (force, moment) = (force * values[k], moment * values[k]);
+                let (body, sum) = (&motion.bodies[body], &mut total[body]);
+                sum.0 += force;
+                sum.1 += moment;
+                *power += force.dot(&body.velocity) + moment.dot(&body.angular_velocity);
+            }
+        }
+    }
+
+    /// Adds a force (N) at the origin of `body`.
+    #[inline]
+    pub fn force(&mut self, k: usize, body: usize, force: Vector3<f64>) {
+        match &mut self.sink {
+            Sink::Each(read) => read(k, body, force, Vector3::zeros()),
+            Sink::Sum { values, motion, total, power } => {
                 let force = force * values[k];
                 total[body].0 += force;
                 *power += force.dot(&motion.bodies[body].velocity);
-                self.moment(k, body, moment);
             }
         }
     }
@@ -95,15 +109,26 @@ impl<'a> Wrenches<'a> {
 
     /// Adds a force (N) along the telescope, positive if it pushes the two parts apart.
     pub fn telescope_force(&mut self, k: usize, motion: &Motion, force: f64) {
-        self.wrench(k, TELESCOPE_UPPER, motion.telescope.axis * force, Vector3::zeros());
-        self.wrench(k, TELESCOPE_LOWER, -motion.telescope.axis * force, Vector3::zeros());
+        let force = motion.telescope.axis * force;
+        self.force(k, TELESCOPE_UPPER, force);
+        self.force(k, TELESCOPE_LOWER, -force);
     }
 
     /// Adds a moment (N·m) on the strut at `socket` and its reaction on the arm or the platform.
     #[inline]
     pub fn socket_moment(&mut self, k: usize, socket: usize, moment: Vector3<f64>) {
         let (strut, partner) = Motion::socket_bodies(socket);
-        self.moment(k, strut, moment);
-        self.moment(k, partner, -moment);
+        match &mut self.sink {
+            Sink::Each(read) => {
+                read(k, strut, Vector3::zeros(), moment);
+                read(k, partner, Vector3::zeros(), -moment);
+            }
+            Sink::Sum { values, motion, total, power } => {
+                let moment = moment * values[k];
+                total[strut].1 += moment;
+                total[partner].1 -= moment;
+                *power += moment.dot(&motion.socket_rate(socket));
+            }
+        }
     }
 }

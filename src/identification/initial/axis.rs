@@ -11,6 +11,8 @@ use regression::{Fit, Series, steepness};
 use crate::effects::{ActiveEffect, Effects, Host, Role, Unit, find};
 use crate::evidence::noise::difference_sigma;
 use crate::identification::Dataset;
+use crate::identification::bandwidth::{bandwidth, narrow};
+use crate::identification::zeros::zeros;
 use crate::machine::bodies::{ARM, BODIES};
 use crate::machine::{
     ARMS, AXES, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops,
@@ -19,6 +21,7 @@ use crate::model::Model;
 use crate::model::history::rounded_to;
 use crate::numerics::deviation;
 use crate::recording::Recording;
+use crate::text::significant;
 
 /// Standard errors beyond which gravity is significant, share of the torque's variance that it must explain, and
 /// least travel on which it is told from a constant, rad.
@@ -40,12 +43,21 @@ const FARTHEST: f64 = 1e4;
 /// [`InitialError::TooShort`] if a recording leaves no samples, [`InitialError::NoMotion`] if the motion does not
 /// determine inertia and friction.
 pub fn axis(name: &str, recordings: &[Recording], gear_ratio: Option<f64>) -> Result<Initial, InitialError> {
-    let datasets: Vec<Dataset> = recordings.iter().map(Dataset::new).collect();
+    let mut datasets: Vec<Dataset> = recordings.iter().map(Dataset::new).collect();
     if let Some(empty) = datasets.iter().find(|d| d.is_empty()) {
         return Err(InitialError::TooShort { name: empty.name.clone() });
     }
     let mechanism = recordings.first().ok_or(InitialError::NoMotion)?.signals.mechanism;
     let mut remarks = Vec::new();
+    let joined = join(mechanism, recordings, &mut datasets, &mut remarks);
+    let recordings = &joined[..];
+    if let Some(cut_off) = bandwidth(mechanism, &datasets) {
+        narrow(&mut datasets, cut_off);
+        let text = significant(cut_off, 2);
+        remarks.push(format!(
+            "Accelerations are low-passed at {text} Hz: what is faster, noise or ringing, does not show in the torque."
+        ));
+    }
     let mut own = Own { mechanism, recordings, datasets: &datasets, numbers: Vec::new() };
     let period = sample_time(recordings, &mut remarks);
     own.number("", "sample_time", vec![period], Unit::S, "median step of time");
@@ -64,6 +76,23 @@ pub fn axis(name: &str, recordings: &[Recording], gear_ratio: Option<f64>) -> Re
         limit.values = vec![drive.max_torque];
     }
     Ok(Initial { model, numbers, remarks })
+}
+
+/// The recordings with the zero of the first, as their datasets after this; a remark about each that had another.
+fn join(
+    mechanism: Mechanism,
+    recordings: &[Recording],
+    datasets: &mut [Dataset],
+    remarks: &mut Vec<String>,
+) -> Vec<Recording> {
+    let mut joined = recordings.to_vec();
+    for zero in zeros(mechanism, datasets) {
+        let names = [zero.recording, 0].map(|r| recordings[r].name.as_str());
+        remarks.push(format!("{}.", zero.sentence(names, mechanism.unit(Unit::Rad))));
+        datasets[zero.recording].shift(0, zero.offset);
+        joined[zero.recording].signals.q.iter_mut().for_each(|q| q[0] += zero.offset);
+    }
+    joined
 }
 
 /// Inertia and effects of the axis.
@@ -252,7 +281,7 @@ impl Own<'_> {
         ((0..self.recordings.len()).any(significant) && explained > GRAVITY.1).then_some(with)
     }
 
-    /// Records the gravity of the first recording and mentions other zeros; returns sine and cosine.
+    /// Records the gravity of the first recording; returns sine and cosine.
     fn note_gravity(&mut self, fit: &Fit, remarks: &mut Vec<String>) -> [f64; 2] {
         let [(sine, sine_std), (cosine, cosine_std)] = fit.gravity(0);
         let unit = self.mechanism.unit(Unit::NM);
@@ -267,18 +296,6 @@ impl Own<'_> {
         }
         let end = if known { "" } else { "; no effect of the library has it, so it is left out of the model" };
         remarks.push(format!("Gravity: the torque varies by ±{size:.4} {unit} with the angle as a weight does{end}."));
-        for r in 1..self.recordings.len() {
-            let [(a, _), (b, _)] = fit.gravity(r);
-            let turned = (sine.atan2(cosine) - a.atan2(b) + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU);
-            let shift = turned - std::f64::consts::PI;
-            if shift.abs() > 0.05 {
-                let name = &self.recordings[r].name;
-                remarks.push(format!(
-                    "{name} counts its angle from {shift:+.3} rad elsewhere; --map \"q1=q1{:+.3}\" joins them.",
-                    shift
-                ));
-            }
-        }
         [sine, cosine].map(|x| rounded_to(x, 4))
     }
 
@@ -438,7 +455,7 @@ mod tests {
         );
         // The second recording's zero is where the first reads 0.7 rad.
         let elsewhere = found.remarks.iter().find(|r| r.contains("elsewhere")).expect("another zero");
-        assert!(elsewhere.contains("+0.700") && elsewhere.contains("q1=q1"), "{elsewhere}");
+        assert!(elsewhere.starts_with("pendulum: +0.70"), "{elsewhere}");
     }
 
     #[test]

@@ -9,10 +9,11 @@
 
 use std::borrow::Cow;
 use std::ops::Range;
+use std::sync::OnceLock;
 
 use rayon::prelude::*;
 
-use super::{Channels, InternalStates, Joints, gear_springs, gears, ideal, joints, observe, predict, predict_along};
+use super::{Channels, InternalStates, Joints, gear_springs, gears, ideal, joints, observe, predict};
 use crate::dynamics::{ChannelMap, Output, Plant, Sample, add_regressor, inverse_dynamics};
 use crate::effects::{ActiveEffect, Entry, Kind, Role};
 use crate::identification::Dataset;
@@ -68,7 +69,7 @@ pub fn columns(
         Some(active) => vec![Wanted { active, is_candidate: true, shapes: true }],
         None => Wanted::own(plant, &rigid),
     };
-    Ok(along(dataset, &joints(plant, dataset)?, &wanted, 1)?.concat())
+    Ok(along(dataset, &Moved::new(joints(plant, dataset)?), &wanted, 1)?.concat())
 }
 
 /// Predicted channels of a plant along a dataset, and their derivatives with respect to all its parameters.
@@ -76,10 +77,12 @@ pub fn columns(
 /// # Errors
 /// As [`columns`].
 pub fn prediction_and_columns(plant: &Plant, dataset: &Dataset) -> Result<(Channels, Vec<Channels>), KinematicsError> {
-    let joints = joints(plant, dataset)?;
+    let moved = Moved::new(joints(plant, dataset)?);
     let rigid = plant.rigid_bodies();
-    let columns = along(dataset, &joints, &Wanted::own(plant, &rigid), 1)?.concat();
-    Ok((predict_along(plant, dataset, &joints)?, columns))
+    let columns = along(dataset, &moved, &Wanted::own(plant, &rigid), 1)?.concat();
+    let mut predicted = moved.into_unobserved(dataset)?;
+    observe(plant, dataset, &mut predicted);
+    Ok((predicted, columns))
 }
 
 /// Columns of all parameters of a plant and of candidates, `[effect][parameter][channel][block]`, averaged over
@@ -97,21 +100,48 @@ pub fn averaged_columns(
     let rigid = plant.rigid_bodies();
     let mut wanted = Wanted::own(plant, &rigid);
     wanted.extend(candidates.iter().map(|active| Wanted { active, is_candidate: true, shapes: false }));
-    along(dataset, &joints(plant, dataset)?, &wanted, block)
+    along(dataset, &Moved::new(joints(plant, dataset)?), &wanted, block)
 }
 
-/// Columns of the plant of `joints`.
+/// Motion of the joints with the channels before the sensors, which are computed at the first request.
+struct Moved<'a> {
+    joints: Joints<'a>,
+    unobserved: OnceLock<Channels>,
+}
+
+impl<'a> Moved<'a> {
+    fn new(joints: Joints<'a>) -> Self {
+        Self { joints, unobserved: OnceLock::new() }
+    }
+
+    /// Predicted channels at every sample before the sensors.
+    fn unobserved(&self, dataset: &Dataset) -> Result<&Channels, KinematicsError> {
+        if let Some(known) = self.unobserved.get() {
+            return Ok(known);
+        }
+        let made = ideal(self.joints.plant, dataset, &self.joints)?;
+        Ok(self.unobserved.get_or_init(|| made))
+    }
+
+    fn into_unobserved(self, dataset: &Dataset) -> Result<Channels, KinematicsError> {
+        self.unobserved(dataset)?;
+        Ok(self.unobserved.into_inner().unwrap_or_default())
+    }
+}
+
+/// Columns of the plant of the moved joints.
 fn along(
     dataset: &Dataset,
-    joints: &Joints,
+    moved: &Moved,
     wanted: &[Wanted],
     block: usize,
 ) -> Result<Vec<Vec<Channels>>, KinematicsError> {
-    let Some(springs) = gear_springs(joints.plant) else { return at_joints(dataset, joints, wanted, block) };
+    let joints = &moved.joints;
+    let Some(springs) = gear_springs(joints.plant) else { return at_joints(dataset, moved, wanted, block) };
     let passage = gears::Passage::new(dataset, joints, &springs)?;
     let mut all = Vec::with_capacity(wanted.len());
     for group in wanted.chunks(GROUP) {
-        let mut columns = at_joints(dataset, joints, group, 1)?;
+        let mut columns = at_joints(dataset, moved, group, 1)?;
         for (wanted, columns) in group.iter().zip(&mut columns) {
             passage.pass(wanted.active, columns);
         }
@@ -124,22 +154,23 @@ fn along(
 /// Columns at the given motion of the joints; those of effects that act through the entire prediction are exact.
 fn at_joints(
     dataset: &Dataset,
-    joints: &Joints,
+    moved: &Moved,
     wanted: &[Wanted],
     block: usize,
 ) -> Result<Vec<Vec<Channels>>, KinematicsError> {
+    let joints = &moved.joints;
     let plant = joints.plant;
-    let moved: Vec<ActiveEffect> = wanted.iter().filter(|w| w.shapes).flat_map(|w| shaped(w.active)).collect();
-    let effects: Vec<&ActiveEffect> = wanted.iter().map(|w| w.active).chain(&moved).collect();
-    let mut columns = linear(plant, &effects, dataset, joints, block)?;
+    let shifted: Vec<ActiveEffect> = wanted.iter().filter(|w| w.shapes).flat_map(|w| shaped(w.active)).collect();
+    let effects: Vec<&ActiveEffect> = wanted.iter().map(|w| w.active).chain(&shifted).collect();
+    let mut columns = linear(&effects, dataset, moved, block)?;
     let gears = gear_springs(plant).unwrap_or_default();
     let on_motors: Vec<usize> = (0..effects.len()).filter(|&i| gears::acts_on_motors(effects[i], &gears)).collect();
     if !on_motors.is_empty() {
         let those: Vec<&ActiveEffect> = on_motors.iter().map(|&i| effects[i]).collect();
-        let turned = linear(plant, &those, dataset, &joints.of_encoders(), block)?;
+        let turned = linear(&those, dataset, &Moved::new(joints.of_encoders()), block)?;
         on_motors.into_iter().zip(turned).for_each(|(i, turned)| columns[i] = turned);
     }
-    let mut moved = columns.split_off(wanted.len()).into_iter();
+    let mut shifted = columns.split_off(wanted.len()).into_iter();
     let is_whole = |w: &Wanted| w.active.effect.kind().acts_on_the_whole();
     for (wanted, columns) in wanted.iter().zip(&mut columns).filter(|(w, _)| w.shapes && !is_whole(w)) {
         let unmoved = weighted(columns, &wanted.active.values);
@@ -147,13 +178,13 @@ fn at_joints(
             let step = difference(entry);
             let mut values = wanted.active.values.clone();
             values[k] += step;
-            let moved = moved.next().expect("one copy per shape parameter");
-            columns[k] = slope(&weighted(&moved, &values), &unmoved, step);
+            let there = shifted.next().expect("one copy per shape parameter");
+            columns[k] = slope(&weighted(&there, &values), &unmoved, step);
         }
     }
     let wholes: Vec<usize> = (0..wanted.len()).filter(|&i| is_whole(&wanted[i])).collect();
     if !wholes.is_empty() {
-        let differences = Differences::new(plant, dataset, joints, block)?;
+        let differences = Differences::new(dataset, moved, block)?;
         let of = |&i: &usize| differences.columns(&wanted[i], &columns[i]);
         let found: Vec<Vec<Channels>> = wholes.par_iter().map(of).collect::<Result<_, KinematicsError>>()?;
         wholes.into_iter().zip(found).for_each(|(i, found)| columns[i] = found);
@@ -185,13 +216,14 @@ struct Differences<'a> {
     middle: Cow<'a, Dataset>,
     plain: Channels,
     /// Prediction at every sample before and after the sensors.
-    unobserved: Channels,
+    unobserved: &'a Channels,
     observed: Channels,
 }
 
 impl<'a> Differences<'a> {
-    fn new(plant: &'a Plant, dataset: &'a Dataset, joints: &Joints, block: usize) -> Result<Self, KinematicsError> {
-        let unobserved = ideal(plant, dataset, joints)?;
+    fn new(dataset: &'a Dataset, moved: &'a Moved, block: usize) -> Result<Self, KinematicsError> {
+        let plant = moved.joints.plant;
+        let unobserved = moved.unobserved(dataset)?;
         let mut observed = unobserved.clone();
         observe(plant, dataset, &mut observed);
         let middle = middle(dataset, block);
@@ -318,12 +350,13 @@ fn with(plant: &Plant, active: &ActiveEffect, step: Option<(usize, f64)>, is_can
 
 /// Columns of the linear parameters at the given motion of the joints; zero for all others.
 fn linear(
-    plant: &Plant,
     effects: &[&ActiveEffect],
     dataset: &Dataset,
-    joints: &Joints,
+    moved: &Moved,
     block: usize,
 ) -> Result<Vec<Vec<Channels>>, KinematicsError> {
+    let joints = &moved.joints;
+    let plant = joints.plant;
     let states = InternalStates::along(plant, effects, dataset, joints)?;
     let plant_effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
     let plant_states = InternalStates::along(plant, &plant_effects, dataset, joints)?;
@@ -378,7 +411,7 @@ fn linear(
     let mut columns: Vec<Channels> =
         (0..total).into_par_iter().map(|p| (0..channels).map(|c| series(p, c)).collect()).collect();
     if plant.observes() {
-        see(plant, dataset, joints, block, &mut columns)?;
+        see(dataset, moved, block, &mut columns)?;
     }
     let mut columns = columns.into_iter();
     Ok(widths.iter().map(|w| columns.by_ref().take(*w).collect()).collect())
@@ -388,19 +421,14 @@ fn linear(
 const SENSOR_STEP: f64 = 1e-4;
 
 /// Turns derivatives of the ideal channels into those of the observed ones.
-fn see(
-    plant: &Plant,
-    dataset: &Dataset,
-    joints: &Joints,
-    block: usize,
-    columns: &mut [Channels],
-) -> Result<(), KinematicsError> {
+fn see(dataset: &Dataset, moved: &Moved, block: usize, columns: &mut [Channels]) -> Result<(), KinematicsError> {
+    let plant = moved.joints.plant;
     let middle = middle(dataset, block);
     let affine = plant.effects.iter().filter_map(|a| a.effect.sensor()).all(|sensor| sensor.is_affine());
     // Affine sensors have the same derivative everywhere.
     let here = match affine {
         true => vec![vec![0.0; middle.len()]; dataset.channels.len()],
-        false => means(dataset, ideal(plant, dataset, joints)?, block),
+        false => means(dataset, moved.unobserved(dataset)?.clone(), block),
     };
     let mut seen = here.clone();
     observe(plant, &middle, &mut seen);

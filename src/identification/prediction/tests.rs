@@ -137,7 +137,7 @@ fn an_uneven_gear_moves_the_joint_by_its_curvature() {
 fn a_filter_is_the_same_in_pieces() {
     for time_constant in [0.005, 0.05] {
         let (filtered, setup) = arms("torque_filter", &[&[time_constant]]);
-        let whole = dataset(waves(3 * CHUNK), setup);
+        let whole = dataset(waves(3 * chunk(&filtered)), setup);
         let pieces = predict(&filtered, &whole).unwrap();
         let at_once = predict_along(&filtered, &whole, &joints(&filtered, &whole).unwrap()).unwrap();
         for (a, b) in pieces.iter().flatten().zip(at_once.iter().flatten()) {

@@ -72,12 +72,12 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     warn(&much_is_left(data.channels(), addition.budget.rms_after(), &addition.budget.noise_floor));
     let parameters = parameters_of(&addition.fit, &addition.effect);
     if args.json {
-        say(deltatwin_analysis::add::json(&addition, Some(&args.output)))?;
+        say(data.with_zeros(deltatwin_analysis::add::json(&addition, Some(&args.output))))?;
     } else {
         print(&addition, &parameters, &data, args.verbose)?;
     }
     let provenance = provenance("add", &args.data, &addition.fit.parameters);
-    crate::command::identify::write(&addition.fit.model, &args.output, &provenance, args.json)?;
+    crate::command::identify::write_fit(&addition.fit, &args.output, &provenance, args.json)?;
     write_report(args.report.as_deref(), args.json, || {
         let origin = origin("add", Some(&args.model), &args.data.inputs(), &data.warnings)?;
         page::of_addition(&addition, &model, &data, &origin).into_diagnostic()

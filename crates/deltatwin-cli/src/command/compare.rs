@@ -55,7 +55,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     progress.finish_and_clear();
     let comparison = comparison.into_diagnostic()?;
     if args.json {
-        say(deltatwin_analysis::compare::json(&comparison, &gate))?;
+        say(data.with_zeros(deltatwin_analysis::compare::json(&comparison, &gate)))?;
     } else {
         print(&comparison)?;
     }

@@ -103,7 +103,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let scenario = answer.next_experiment.as_ref().zip(args.next.as_deref()).filter(|(next, _)| writable(next, &model));
     let file = scenario.map(|(_, file)| file);
     if args.json {
-        say(deltatwin_analysis::diagnose::json(&answer, args.output.as_deref(), file))?;
+        say(data.with_zeros(deltatwin_analysis::diagnose::json(&answer, args.output.as_deref(), file)))?;
     } else {
         screen::print(&answer, args)?;
         if args.verbose {

@@ -5,7 +5,7 @@ mod payload;
 
 use std::path::{Path, PathBuf};
 
-use miette::{IntoDiagnostic, WrapErr, miette};
+use miette::{IntoDiagnostic, miette};
 
 use self::how::How;
 use crate::command::gate::{guard, much_is_left};
@@ -16,13 +16,14 @@ use deltatwin::comparison::compare;
 use deltatwin::identification::consistency::min_eigenvalue;
 use deltatwin::identification::dataset::noise_floor as floor;
 use deltatwin::identification::fit::FitError;
+use deltatwin::identification::uncertainty::Uncertainty;
 use deltatwin::identification::{BaseParameter, Estimate, Fit, fit_with};
 use deltatwin::model::{Model, Provenance};
 use deltatwin::text::significant;
 use deltatwin_analysis::identify::Identification;
 use deltatwin_analysis::page;
 use deltatwin_analysis::run::held_out_rms;
-use deltatwin_io::model;
+use deltatwin_io::model::{self, uncertainty};
 
 /// Estimate the parameters of a model from recordings.
 #[derive(clap::Args, Clone, Debug)]
@@ -78,11 +79,11 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     warn(&much_is_left(data.channels(), &fitted.residuals.rms, &noise_floor));
     let held_out_rms = held_out_rms(&fitted.model, &data.held_out).into_diagnostic()?;
     let answer = Identification { fitted, channels: data.channels().to_vec(), noise_floor, held_out_rms };
-    if args.json { say(answer.json(args.output.as_deref())) } else { print(&answer) }?;
+    if args.json { say(data.with_zeros(answer.json(args.output.as_deref()))) } else { print(&answer) }?;
     match &args.output {
         Some(output) => {
             let provenance = provenance("identify", &args.data, &answer.fitted.parameters);
-            write(&answer.fitted.model, output, &provenance, args.json)?;
+            write_fit(&answer.fitted, output, &provenance, args.json)?;
         }
         None if args.json => {}
         None => say("  Nothing written; -o FILE keeps the model")?,
@@ -116,10 +117,33 @@ pub(crate) fn provenance(command: &str, data: &DataArgs, parameters: &[Estimate]
     )
 }
 
+/// Writes the model of a fit, and its covariance beside it; reports them unless `quietly`.
+pub(crate) fn write_fit(fit: &Fit, output: &Path, provenance: &Provenance, quietly: bool) -> miette::Result<()> {
+    write(&fit.model, output, provenance, quietly)?;
+    let covariance = uncertainty::beside(output);
+    uncertainty::write(&Uncertainty::of(fit), output)
+        .into_diagnostic()
+        .wrap_err_with(|| format!("cannot write {}", covariance.display()))?;
+    if quietly {
+        Ok(())
+    } else {
+        say(format!("  Wrote {}, for studies over what the fit leaves open", covariance.display()))
+    }
+}
+
 /// Writes a fitted model after its answer was printed; reports it unless `quietly`.
 pub(crate) fn write(model: &Model, output: &Path, provenance: &Provenance, quietly: bool) -> miette::Result<()> {
-    deltatwin_io::model::write_fitted(model, output, provenance)
-        .wrap_err_with(|| format!("{}: the fitted model was not written", output.display()))?;
+    if let Err(refused) = deltatwin_io::model::write_fitted(model, output, provenance) {
+        let causes: Vec<String> = refused.chain().map(ToString::to_string).collect();
+        return Err(miette!(
+            help = "A fit that leaves what a model file admits belongs to recordings that do not determine it: `deltatwin \
+                    check DATA --model MODEL` tells what is wrong with them, `deltatwin compare` what the model leaves \
+                    before a fit; a faster motion determines masses, `--hold rigid_bodies` of `identify` keeps them",
+            "{}: the fitted model was not written: {}",
+            output.display(),
+            causes.join(": ")
+        ));
+    }
     if quietly { Ok(()) } else { say(format!("  Wrote {}", output.display())) }
 }
 

@@ -111,7 +111,7 @@ impl Findings {
 /// If the model cannot be fitted or the diagnosis fails.
 pub fn investigate(campaign: &Campaign, progress: &mut dyn FnMut(Step)) -> Result<Findings, RunError> {
     let [datasets, held_out] = [&campaign.measurement, &campaign.validation].map(|r| vec![Dataset::new(r)]);
-    let data = Data { datasets, held_out, warnings: Vec::new() };
+    let data = Data { datasets, held_out, zeros: Vec::new(), warnings: Vec::new() };
     // A hidden effect may look like an error of the recording, so that the gate only warns.
     let settings = Settings { no_gate: true, ..Settings::default() };
     let analysis = run(&campaign.model, &data, &settings, progress)?;

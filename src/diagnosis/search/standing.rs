@@ -1,0 +1,93 @@
+//! Confirmation of a selection on the validation data: every effect must stand against the model without it.
+
+use super::Search;
+use super::models::without_effects;
+use crate::diagnosis::judge::{Judged, relative_energy};
+use crate::evidence::{Chosen, Outcome, Settings};
+use crate::identification::fit::{Fit, FitError};
+
+/// Effects confirmed by the validation data.
+pub(super) struct Standing {
+    pub outcome: Outcome,
+    /// The fit with them.
+    pub end: Judged,
+    /// RMS residuals without each of them, on the validation data.
+    pub without: Vec<Vec<f64>>,
+    pub not_tried: Vec<String>,
+}
+
+impl Search<'_> {
+    /// Confirmed outcome of a selection on the validation data, or the name of an effect that is not confirmed.
+    pub(super) fn confirm(&self, mut outcome: Outcome, end: Judged) -> Result<Result<Standing, String>, FitError> {
+        let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
+        if !outcome.cut_short && !self.judge.fitting.is_late() {
+            let without = self.stand(&chosen, &end)?;
+            return Ok(without.map(|without| Standing { outcome, end, without, not_tried: Vec::new() }));
+        }
+        let (end, without) = self.longest_standing(&chosen)?;
+        outcome.findings.truncate(without.len());
+        let unjudged = self.names(&chosen[without.len()..]);
+        let not_tried = if outcome.cut_short { untried(&outcome, unjudged, &self.settings) } else { Vec::new() };
+        Ok(Ok(Standing { outcome, end, without, not_tried }))
+    }
+
+    /// RMS residuals without each of the chosen effects, or the name of the weakest that is not confirmed.
+    fn stand(&self, chosen: &[Chosen], end: &Judged) -> Result<Result<Vec<Vec<f64>>, String>, FitError> {
+        let name = |c: &Chosen| self.shape(c).effect.name();
+        if let Some(c) =
+            chosen.iter().find(|c| is_impossible(&end.fit, name(c)) || self.is_too_early(&end.fit, name(c)))
+        {
+            return Ok(Err(name(c).into()));
+        }
+        // A fit that leaves more than the start has diverged, with a column that the data hardly determine.
+        let energy = |judged: &Judged| relative_energy(&judged.fit.residuals.rms, &self.judge.fitting.noise);
+        if let Some(last) = chosen.last().filter(|_| energy(end).is_nan() || energy(end) > energy(&self.start)) {
+            return Ok(Err(name(last).into()));
+        }
+        let mut all = Vec::new();
+        // Of those that do not stand, the one whose absence costs least: any other may only suffer from it.
+        let mut weakest: Option<(f64, &str)> = None;
+        for c in chosen {
+            let others: Vec<Chosen> = chosen.iter().copied().filter(|other| other != c).collect();
+            let make = || self.judge.fit(&without_effects(&end.fit.model, &[name(c)]));
+            // Where no machine without it can be fitted, the effect is compared with the model without any.
+            let without = match others.is_empty() {
+                true => self.start.clone(),
+                false => self.fits.of(&others, make).unwrap_or_else(|_: FitError| self.start.clone()),
+            };
+            let left = relative_energy(without.rms(), &self.judge.floor);
+            if !self.judge.confirms(&without, end)? && weakest.is_none_or(|(least, _)| left < least) {
+                weakest = Some((left, name(c)));
+            }
+            all.push(without.rms().to_vec());
+        }
+        Ok(weakest.map_or(Ok(all), |(_, name)| Err(name.into())))
+    }
+
+    /// Fit with the longest leading sequence of chosen effects that are each confirmed given the previous ones, and
+    /// the RMS residuals before each addition.
+    fn longest_standing(&self, chosen: &[Chosen]) -> Result<(Judged, Vec<Vec<f64>>), FitError> {
+        let (mut end, mut without) = (self.start.clone(), Vec::new());
+        for (k, c) in chosen.iter().enumerate() {
+            let Ok(next) = self.refit(&chosen[..=k], None) else { break };
+            if is_impossible(&next.fit, self.shape(c).effect.name()) || !self.judge.confirms(&end, &next)? {
+                break;
+            }
+            without.push(std::mem::replace(&mut end, next).rms().to_vec());
+        }
+        Ok((end, without))
+    }
+}
+
+/// Names of effects left open by an outcome that was cut short: `unjudged` effects and significant candidates.
+fn untried(outcome: &Outcome, unjudged: Vec<String>, settings: &Settings) -> Vec<String> {
+    let ranking = &outcome.remaining;
+    let passing = ranking.order.iter().map(|&i| &ranking.candidates[i]).filter(|a| a.passes(settings));
+    unjudged.into_iter().chain(passing.map(|a| a.name.clone())).collect()
+}
+
+/// Whether an effect has a parameter outside the range of its law, such as a negative coefficient of a law with a
+/// definite sign.
+fn is_impossible(fit: &Fit, name: &str) -> bool {
+    fit.impossible.iter().any(|p| p.effect == name)
+}
