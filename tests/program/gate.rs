@@ -115,7 +115,7 @@ fn a_good_recording_passes() {
 fn a_turned_axis_is_named_beside_a_load_that_nobody_stated() {
     common::at_root();
     for (axis, mass) in [(1, 2.5), (0, 5.0)] {
-        let payload = Payload { mass, com: [0.0, 0.0, -0.05], ..Payload::default() };
+        let payload = Payload { mass, com: [0.0, 0.0, -0.05].into(), ..Payload::default() };
         let mut recording = measured(&robot(3), &motion(5), payload, 7);
         recording.setup.payload = Payload::default();
         each(&mut recording.signals, |q, tau| (q[axis], tau[axis]) = (-q[axis], -tau[axis]));

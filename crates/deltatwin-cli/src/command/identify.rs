@@ -5,7 +5,7 @@ mod payload;
 
 use std::path::{Path, PathBuf};
 
-use miette::{IntoDiagnostic, miette};
+use miette::{IntoDiagnostic, WrapErr, miette};
 
 use self::how::How;
 use crate::command::gate::{guard, much_is_left};
