@@ -21,7 +21,7 @@ mod verification;
 use miette::miette;
 
 use deltatwin_report::Report;
-use page::Section;
+use page::{Comparison, Section};
 use runs::Campaign;
 
 /// Limitations of the comparison, independent of the results.
@@ -100,6 +100,18 @@ pub fn markdown(sections: &[Section]) -> String {
 pub fn page(sections: &[Section]) -> Report {
     let mut page = Report::new(TITLE, "");
     let plain = |text: &str| text.replace("**", "").replace('*', "");
+    let tables = || sections.iter().flat_map(|s| &s.tables);
+    let judged = |(missed, of): (usize, usize), table: &Comparison| {
+        let (misses, count) = table.misses(0);
+        (missed + misses.len(), of + count)
+    };
+    let (missed, of) = tables().fold((0, 0), judged);
+    let printed = tables().flat_map(|t| &t.rows).filter(|row| row.paper.is_some()).count();
+    page.tiles(&[
+        [&format!("{} of {of}", of - missed), "estimates within three standard errors", "of the twin's own values"],
+        [&printed.to_string(), "quantities beside the paper's", "printed in its tables and text"],
+        [&sections.len().to_string(), "of its tables and figures", ""],
+    ]);
     page.paragraph(&plain(INTRODUCTION));
     let links: Vec<(String, String)> = sections.iter().map(|s| (s.key.replace('_', "-"), s.title.clone())).collect();
     page.contents(&links);
