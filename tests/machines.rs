@@ -54,6 +54,8 @@ fn machines() -> Vec<(Model, Setup)> {
         (model("irb360-6-1600"), disassembled()),
         (model("clavel-delta"), payload()),
         (model("clavel-delta"), disassembled()),
+        (model("linear-delta"), payload()),
+        (model("linear-delta"), disassembled()),
         (model("servo-axis"), Setup::default()),
         (turntable(), Setup::default()),
     ]

@@ -3,12 +3,9 @@
 use std::f64::consts::FRAC_PI_2;
 use std::fmt::Write;
 
-use super::links::{
-    ARM_RADIUS, FLANGE_RADIUS, PLATFORM_INSET, PLATFORM_THICKNESS, ROD_CLEARANCE, ROD_RADIUS, STRUT_RADIUS,
-    TUBE_CLEARANCE, TUBE_RADIUS,
-};
+use super::links::{Cylinder, cylinder};
 use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name};
-use crate::machine::{ARMS, Geometry, STRUTS};
+use crate::machine::{ARMS, Actuator, Geometry, STRUTS};
 use crate::model::Model;
 
 /// Name of the link at the inertial frame.
@@ -28,58 +25,42 @@ pub fn urdf(model: &Model) -> Option<String> {
     out.link(BASE, None);
     for i in 0..ARMS {
         let arm = body_name(ARM + i);
-        out.link(&arm, Some(Cylinder::along_x(g.arm_length, ARM_RADIUS)));
+        out.link(&arm, cylinder(g, ARM + i));
         let shaft = Geometry::radial(i) * g.base_radius;
         let limits = (g.arm_limits, &model.drives[i]);
-        out.joint(&format!("axis{}", i + 1), "revolute", [BASE, &arm], shaft.into(), Geometry::azimuth(i));
-        out.axis([0.0, 1.0, 0.0], Some(limits));
+        let (kind, pitch, axis) = match g.arms {
+            Actuator::Revolute => ("revolute", 0.0, [0.0, 1.0, 0.0]),
+            Actuator::Prismatic { inclination } => ("prismatic", inclination, [1.0, 0.0, 0.0]),
+        };
+        out.joint(&format!("axis{}", i + 1), kind, [BASE, &arm], shaft.into(), [pitch, Geometry::azimuth(i)]);
+        out.axis(axis, Some(limits));
     }
     for s in 0..STRUTS {
         let (limb, strut) = (s / (STRUTS / ARMS), body_name(STRUT + s));
-        out.link(&strut, Some(Cylinder::along_x(g.strut_length[limb], STRUT_RADIUS)));
+        out.link(&strut, cylinder(g, STRUT + s));
         let elbow = [g.arm_length, g.pair_offset(s), 0.0];
-        out.joint(&format!("elbow{}", s + 1), "floating", [&body_name(ARM + limb), &strut], elbow, 0.0);
+        out.joint(&format!("elbow{}", s + 1), "floating", [&body_name(ARM + limb), &strut], elbow, [0.0; 2]);
         out.end();
     }
     let platform = body_name(PLATFORM);
-    let radius = (g.platform_radius - PLATFORM_INSET).max(0.5 * g.platform_radius);
-    out.link(&platform, Some(Cylinder::along_z([-PLATFORM_THICKNESS, PLATFORM_THICKNESS], radius)));
-    out.joint("translation", "floating", [BASE, &platform], [0.0; 3], 0.0);
+    out.link(&platform, cylinder(g, PLATFORM));
+    out.joint("translation", "floating", [BASE, &platform], [0.0; 3], [0.0; 2]);
     out.end();
     if !g.has_telescope() {
         return Some(out.finish());
     }
     let effector = body_name(END_EFFECTOR);
-    out.link(&effector, Some(Cylinder::along_z([0.0, (-g.flange_height).max(0.01)], FLANGE_RADIUS)));
-    out.joint("axis4", "continuous", [&platform, &effector], [0.0, 0.0, g.flange_height], 0.0);
+    out.link(&effector, cylinder(g, END_EFFECTOR));
+    out.joint("axis4", "continuous", [&platform, &effector], [0.0, 0.0, g.flange_height], [0.0; 2]);
     out.axis([0.0, 0.0, 1.0], None);
     let (upper, lower) = (body_name(TELESCOPE_UPPER), body_name(TELESCOPE_LOWER));
-    let shortest = g.telescope_limits[0];
-    out.link(&upper, Some(Cylinder::along_z([(ROD_CLEARANCE - shortest).min(0.0), 0.0], ROD_RADIUS)));
-    out.joint("hooke_upper", "floating", [BASE, &upper], [0.0, 0.0, g.upper_hooke_height], 0.0);
+    out.link(&upper, cylinder(g, TELESCOPE_UPPER));
+    out.joint("hooke_upper", "floating", [BASE, &upper], [0.0, 0.0, g.upper_hooke_height], [0.0; 2]);
     out.end();
-    out.link(&lower, Some(Cylinder::along_z([0.0, (shortest - TUBE_CLEARANCE).max(0.0)], TUBE_RADIUS)));
-    out.joint("hooke_lower", "floating", [&platform, &lower], [0.0, 0.0, g.lower_hooke_height], 0.0);
+    out.link(&lower, cylinder(g, TELESCOPE_LOWER));
+    out.joint("hooke_lower", "floating", [&platform, &lower], [0.0, 0.0, g.lower_hooke_height], [0.0; 2]);
     out.end();
     Some(out.finish())
-}
-
-/// Visual shape of a link.
-struct Cylinder {
-    radius: f64,
-    length: f64,
-    centre: [f64; 3],
-    pitch: f64,
-}
-
-impl Cylinder {
-    fn along_x(length: f64, radius: f64) -> Self {
-        Self { radius, length, centre: [0.5 * length, 0.0, 0.0], pitch: FRAC_PI_2 }
-    }
-
-    fn along_z([from, to]: [f64; 2], radius: f64) -> Self {
-        Self { radius, length: to - from, centre: [0.0, 0.0, 0.5 * (from + to)], pitch: 0.0 }
-    }
 }
 
 /// URDF text under construction. Writing to a string cannot fail.
@@ -97,9 +78,11 @@ impl Tree {
     }
 
     fn link(&mut self, name: &str, shape: Option<Cylinder>) {
-        let Some(Cylinder { radius, length, centre: [x, y, z], pitch }) = shape else {
+        let Some(shape) = shape else {
             return self.line(format_args!("  <link name=\"{name}\"/>"));
         };
+        let (radius, length, [x, y, z]) = (shape.radius, shape.length(), shape.centre());
+        let pitch = if shape.is_along_x() { FRAC_PI_2 } else { 0.0 };
         self.line(format_args!("  <link name=\"{name}\">"));
         self.line(format_args!("    <visual>"));
         self.line(format_args!("      <origin xyz=\"{x} {y} {z}\" rpy=\"0 {pitch} 0\"/>"));
@@ -108,9 +91,17 @@ impl Tree {
         self.line(format_args!("  </link>"));
     }
 
-    fn joint(&mut self, name: &str, kind: &str, [parent, child]: [&str; 2], [x, y, z]: [f64; 3], yaw: f64) {
+    /// Begins a joint at `x`, `y`, `z` (m) with pitch and yaw (rad) in the frame of its parent.
+    fn joint(
+        &mut self,
+        name: &str,
+        kind: &str,
+        [parent, child]: [&str; 2],
+        [x, y, z]: [f64; 3],
+        [pitch, yaw]: [f64; 2],
+    ) {
         self.line(format_args!("  <joint name=\"{name}\" type=\"{kind}\">"));
-        self.line(format_args!("    <origin xyz=\"{x} {y} {z}\" rpy=\"0 0 {yaw}\"/>"));
+        self.line(format_args!("    <origin xyz=\"{x} {y} {z}\" rpy=\"0 {pitch} {yaw}\"/>"));
         self.line(format_args!("    <parent link=\"{parent}\"/>"));
         self.line(format_args!("    <child link=\"{child}\"/>"));
     }

@@ -58,7 +58,9 @@ pub fn add_with(
     }
     let mounted = in_configuration(model, &datasets[0].setup);
     let other = || options.candidates.iter().find(|e| e.name() == effect).cloned();
-    let known = effects::find(effect).or_else(other).ok_or_else(|| DiagnosisError::UnknownEffect(effect.into()))?;
+    // A formula has its name from the registry, and its terms from the caller.
+    let known =
+        other().or_else(|| effects::find(effect)).ok_or_else(|| DiagnosisError::UnknownEffect(effect.into()))?;
     if !mounted.mechanism.has(known.acts_on(), mounted.assembled) {
         return Err(DiagnosisError::Missing { effect: effect.into(), part: known.acts_on().describe() });
     }

@@ -16,6 +16,7 @@ pub use channels::{Channel, ChannelMap, Twist};
 pub(crate) use inverse::add_regressor;
 pub(crate) use inverse::{Borne, add_effects, borne, reads_loads, rigid_wrenches};
 pub use inverse::{Output, Sample, inverse_dynamics, regressor, steady_inverse_dynamics};
+pub(crate) use newton_euler::accelerated_wrench;
 pub use newton_euler::inertial_wrench;
 pub use parameters::{ParamTable, PlantParameter};
 pub use plant::{Plant, in_configuration, set_parameters};

@@ -9,13 +9,24 @@ use crate::machine::Inertia;
 ///
 /// F = m(a − g) + α × h + ω × (ω × h), M = h × (a − g) + Θα + ω × Θω with h = m·c; `gravity` is the gravitational
 /// acceleration g, m/s².
+#[inline]
 pub fn inertial_wrench(inertia: &Inertia, motion: &BodyMotion, gravity: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
-    let h = motion.rotation * inertia.first_moment;
-    let (omega, alpha) = (motion.angular_velocity, motion.angular_acceleration);
-    let a = motion.acceleration - gravity;
-    let back = motion.rotation.transpose();
-    let tensor = |x: &Vector3<f64>| motion.rotation * (inertia.tensor * (back * x));
+    accelerated_wrench(inertia, motion, (&motion.acceleration, &motion.angular_acceleration), gravity)
+}
+
+/// [`inertial_wrench`] with accelerations (m/s², rad/s²) other than those of `motion`.
+#[inline]
+pub(crate) fn accelerated_wrench(
+    inertia: &Inertia,
+    motion: &BodyMotion,
+    (linear, alpha): (&Vector3<f64>, &Vector3<f64>),
+    gravity: &Vector3<f64>,
+) -> (Vector3<f64>, Vector3<f64>) {
+    let (rotation, omega) = (&motion.rotation, &motion.angular_velocity);
+    let h = rotation * inertia.first_moment;
+    let a = linear - gravity;
+    let own = rotation.tr_mul(omega);
+    let turning = inertia.tensor * rotation.tr_mul(alpha) + own.cross(&(inertia.tensor * own));
     let force = a * inertia.mass + alpha.cross(&h) + omega.cross(&omega.cross(&h));
-    let moment = h.cross(&a) + tensor(&alpha) + omega.cross(&tensor(&omega));
-    (force, moment)
+    (force, h.cross(&a) + rotation * turning)
 }

@@ -1,6 +1,7 @@
 //! Friction of the telescope drive with saturating viscous part ([Gnad 2024], eq. 48).
 
 use super::{About, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches, smooth_sign};
+use crate::numerics::tanh;
 
 /// Friction torque τ₄ = −A_C·tanh(100 q̇₄) − A_v·tanh(q̇₄/ε_v); τ₄, A_C and A_v in N·m, q̇₄ and ε_v in rad/s.
 pub struct Axis4Friction;
@@ -37,6 +38,6 @@ impl Effect for Axis4Friction {
     fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let rate = at.motion.qd[3];
         out.drive_torque(values.index(COULOMB, 0), 3, -smooth_sign(rate, STEEPNESS));
-        out.drive_torque(values.index(VISCOUS, 0), 3, -(rate / values.one(SATURATION)).tanh());
+        out.drive_torque(values.index(VISCOUS, 0), 3, -tanh(rate / values.one(SATURATION)));
     }
 }

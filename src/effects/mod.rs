@@ -15,6 +15,7 @@ use nalgebra::Vector3;
 use self::rigid_bodies::RigidBodies;
 use crate::machine::{Geometry, Inertia, Mechanism, Payload};
 pub use crate::machine::{Part, Unit};
+use crate::numerics::tanh;
 
 mod air_drag;
 mod axis4_friction;
@@ -193,7 +194,7 @@ impl dyn Effect {
 pub fn unit_direction(rate: &Vector3<f64>, epsilon: f64) -> Vector3<f64> {
     let speed = rate.norm();
     // tanh(x)/x = 1 − x²/3 + …: equal to one within rounding below 1e-8
-    if speed < 1e-8 * epsilon { rate / epsilon } else { rate * ((speed / epsilon).tanh() / speed) }
+    if speed < 1e-8 * epsilon { rate / epsilon } else { rate * (tanh(speed / epsilon) / speed) }
 }
 
 /// Steepness parameter of the laws that use [`smooth_sign`].
@@ -202,5 +203,5 @@ const STEEPNESS_PARAMETER: Parameter = Parameter::new("steepness", Unit::SPerRad
 /// Smooth sign function `tanh(rate·steepness)`, the approximation of Coulomb friction in [Gnad 2024] (100 s/rad in eq.
 /// 48).
 pub fn smooth_sign(rate: f64, steepness: f64) -> f64 {
-    (rate * steepness).tanh()
+    tanh(rate * steepness)
 }

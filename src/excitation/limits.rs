@@ -1,4 +1,4 @@
-//! Limits on the motion: joints, telescope, singularities, drives, sockets and optionally a hemisphere.
+//! Limits on the motion: joints, telescope and its Hooke joints, singularities, drives, sockets and optionally a hemisphere.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -17,23 +17,25 @@ pub struct Hemisphere {
 }
 
 /// Number of limits per sample.
-pub const LIMITS: usize = 31;
+pub const LIMITS: usize = 32;
 
 const ARM_HIGH: usize = 0;
 const ARM_LOW: usize = 3;
 const TELESCOPE: usize = 6;
-const SERIAL: usize = 8;
-const PARALLEL: usize = 11;
-const SPEED: usize = 12;
-const ACCELERATION: usize = 16;
-const TORQUE: usize = 20;
-const STRUT_FORCE: usize = 24;
-const HEMISPHERE: usize = 30;
+const HOOKE: usize = 8;
+const SERIAL: usize = 9;
+const PARALLEL: usize = 12;
+const SPEED: usize = 13;
+const ACCELERATION: usize = 17;
+const TORQUE: usize = 21;
+const STRUT_FORCE: usize = 25;
+const HEMISPHERE: usize = 31;
 
 /// Kinds of limits by name, with the index range of each.
-pub const KINDS: [(&str, std::ops::Range<usize>); 9] = [
+pub const KINDS: [(&str, std::ops::Range<usize>); 10] = [
     ("arm_angle", ARM_HIGH..TELESCOPE),
-    ("telescope_length", TELESCOPE..SERIAL),
+    ("telescope_length", TELESCOPE..HOOKE),
+    ("hooke_angle", HOOKE..SERIAL),
     ("arm_strut_singularity", SERIAL..PARALLEL),
     ("parallel_singularity", PARALLEL..SPEED),
     ("speed", SPEED..ACCELERATION),
@@ -61,10 +63,21 @@ pub struct Limits {
     acceleration: [f64; AXES],
     torque: [f64; AXES],
     strut_force: f64,
+    /// Angle of the Hooke joints at their stops, rad; infinite without.
+    hooke: f64,
     axes: usize,
 }
 
 impl Limits {
+    /// Whether the kind of limit `name` applies.
+    pub fn apply(&self, name: &str) -> bool {
+        match name {
+            "hemisphere" => self.hemisphere.is_some(),
+            "hooke_angle" => self.hooke.is_finite(),
+            _ => true,
+        }
+    }
+
     /// Limits of `model`, of whose drives and sockets the share `share` may be used.
     pub fn of(model: &Model, share: f64, hemisphere: Option<Hemisphere>) -> Self {
         Self {
@@ -78,14 +91,15 @@ impl Limits {
                 f if f > 0.0 => f,
                 _ => f64::INFINITY,
             },
+            hooke: if model.stops.hooke_stiffness > 0.0 { model.stops.hooke } else { f64::INFINITY },
         }
     }
 
     /// Normalised limits at one instant, none of which may exceed 1.
     ///
     /// Speed, acceleration, torque and strut force (`loads`) are in units of the usable share. Angles and telescope
-    /// length are measured from the middle of their range, in units of the distance to the limit minus a margin for
-    /// the tracking error.
+    /// length are measured from the middle of their range, angles of Hooke joints from zero, in units of the distance to
+    /// the limit minus a margin for the tracking error.
     pub fn values(
         &self,
         geometry: &Geometry,
@@ -101,16 +115,15 @@ impl Limits {
         for i in 0..ARMS {
             let share = within(joints.q[i], geometry.arm_limits);
             (out[ARM_HIGH + i], out[ARM_LOW + i]) = (share, -share);
-            let strut = geometry.strut_vector(i, joints.q[i], &platform.position).normalize();
-            let (s, c) = joints.q[i].sin_cos();
-            let normal = Geometry::radial(i) * s + Vector3::z() * c;
-            out[SERIAL + i] = 1.0 + MIN_SERIAL - strut.dot(&normal).abs();
+            let (strut, sine) = geometry.transmission(i, joints.q[i], &platform.position);
+            out[SERIAL + i] = 1.0 + MIN_SERIAL - sine;
             directions.set_row(i, &strut.transpose());
         }
         out[PARALLEL] = 1.0 + MIN_PARALLEL - directions.determinant().abs();
         if geometry.has_telescope() {
             let length = within(geometry.telescope_length(&platform.position), geometry.telescope_limits);
             (out[TELESCOPE], out[TELESCOPE + 1]) = (length, -length);
+            out[HOOKE] = geometry.telescope_tilt(&platform.position) / ((1.0 - ROOM) * self.hooke);
         }
         for i in 0..self.axes {
             out[SPEED + i] = joints.qd[i].abs() / (self.share * self.speed[i]);

@@ -288,7 +288,7 @@ fn scale(model: &Model, options: &Options) -> Vec<f64> {
 
 /// Largest use of each kind of limit that applies.
 fn usage(worst: &[f64; LIMITS], limits: &Limits) -> Vec<(&'static str, f64)> {
-    let kinds = KINDS.iter().filter(|(name, _)| *name != "hemisphere" || limits.hemisphere.is_some());
+    let kinds = KINDS.iter().filter(|(name, _)| limits.apply(name));
     kinds.map(|(name, rows)| (*name, worst[rows.clone()].iter().copied().fold(0.0, f64::max))).collect()
 }
 

@@ -155,6 +155,39 @@ fn hemisphere_is_kept_and_an_impossible_one_refused() {
     assert!(matches!(refused, Err(ExcitationError::NoMotion)));
 }
 
+/// Stops at four fifths of the angle that the design would use confine the platform.
+#[test]
+fn hooke_joints_stay_off_their_stops() {
+    let mut model = model();
+    let options = Options { randoms: 4, iterations: 8, ..quick() };
+    let widest = |motion: &FourierMotion| {
+        let tilt = |k: usize| {
+            let p = motion.at(k as f64 * 5e-3).position;
+            // By hand: the lower joint 38 mm above the ball plane, the upper one 75 mm above the shafts.
+            (p.x.hypot(p.y) / (0.075 - 0.038 - p.z)).atan()
+        };
+        (0..2000).map(tilt).fold(0.0, f64::max)
+    };
+    let free = design(&model, &options, &go_on).unwrap();
+    let limit = 0.8 * widest(&free.motion);
+    model.stops.hooke = limit;
+    let kept = design(&model, &options, &go_on).unwrap();
+    println!("{:.3} rad free, {limit:.3} rad allowed, {:.3} rad used", widest(&free.motion), widest(&kept.motion));
+    assert!(widest(&kept.motion) <= limit && widest(&kept.motion) > 0.7 * limit);
+    let used = |d: &Design| d.worst.iter().find(|(name, _)| *name == "hooke_angle").map(|(_, share)| *share);
+    assert!(used(&kept).unwrap() <= 1.0);
+    // The twin drives along it without a stop.
+    let plant = crate::dynamics::Plant::new(&model, &Default::default());
+    let run = crate::twin::Options { duration: 10.0, ..crate::twin::Options::default() };
+    let (_, report) =
+        crate::twin::simulate(&model, &Default::default(), &plant, &|t| kept.motion.at(t), &run, &mut |_| true)
+            .unwrap();
+    assert!(report.events.iter().all(|e| e.kind != crate::twin::EventKind::Stop), "{:?}", report.events);
+    // Without stops there is no such limit.
+    model.stops.hooke_stiffness = 0.0;
+    assert_eq!(used(&design(&model, &Options { iterations: 1, ..options }, &go_on).unwrap()), None);
+}
+
 #[test]
 fn a_stopped_search_still_gives_a_motion() {
     let design = design(&model(), &quick(), &|| false).unwrap();

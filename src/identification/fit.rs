@@ -83,6 +83,8 @@ pub struct Fit {
     pub model: Model,
     /// Estimated parameters, in the order of [`Plant::parameters`] without fixed ones.
     pub parameters: Vec<Estimate>,
+    /// Their covariance, with that of directions that the data do not determine.
+    pub covariance: DMatrix<f64>,
     /// Base parameters: the combinations that the data determine.
     pub base: Vec<BaseParameter>,
     /// Rank and singular values of the weighted regressor.
@@ -153,6 +155,7 @@ pub fn fit_with(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options
     Ok(Fit {
         model: fitted,
         parameters: said.parameters,
+        covariance,
         base,
         structure,
         unidentified: said.unidentified,

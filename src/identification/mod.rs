@@ -22,6 +22,7 @@ pub mod regularisation;
 pub mod residuals;
 pub mod smoother;
 mod swapped;
+pub mod uncertainty;
 pub mod zeros;
 
 pub use base_parameters::BaseParameter;

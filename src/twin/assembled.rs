@@ -3,7 +3,7 @@
 use nalgebra::{Quaternion, Vector3};
 
 use super::SingularPose;
-use super::closed::{Frame, Implicit, Mechanism, OPEN, OpenVector, Pose, Solution};
+use super::closed::{Frame, Implicit, Loads, Mechanism, OPEN, OpenVector, Pose, Solution};
 use super::context::Context;
 use super::integrator::{Stage, System};
 use crate::kinematics::Motion;
@@ -20,6 +20,8 @@ const NU: usize = 17;
 const SPIN: usize = NU + OPEN;
 /// Length of positions and velocities.
 pub(super) const LENGTH: usize = SPIN + STRUTS;
+/// Place of the velocities.
+pub(super) const RATES: std::ops::Range<usize> = NU..LENGTH;
 
 /// The frame of the last evaluation.
 #[derive(Default)]
@@ -98,14 +100,17 @@ impl Assembled<'_> {
     fn solve(&mut self, t: f64, y: &[f64], frame: &Frame, implicit: &Implicit) -> Result<Solution, SingularPose> {
         let (mechanism, tau) = (self.mechanism, self.context.torque.at(t));
         let with_bodies = self.context.forces.read_accelerations();
+        let mut solution = Solution::zero();
         self.context.solve(t, y, &frame.motion, |plant, wrenches, answer| {
-            let solution = mechanism.solve(plant, frame, wrenches, &tau, implicit)?;
+            let loads = Loads { plant, frame, wrenches, tau: &tau, implicit, gravity: plant.gravity_vector() };
+            mechanism.solve(&loads, &mut solution)?;
             solution.write(answer);
             if with_bodies {
                 answer.bodies = mechanism.accelerations(frame, &solution);
             }
-            Ok(solution)
-        })
+            Ok(())
+        })?;
+        Ok(solution)
     }
 
     /// Motion of all bodies with accelerations, and the solution of the equations of motion, at a state.

@@ -15,7 +15,7 @@ use super::wrench::Twist;
 use crate::cell::{CellError, Object};
 use crate::kinematics::{Motion, SocketSet};
 use crate::machine::bodies::BODIES;
-use crate::machine::{Geometry, Inertia};
+use crate::machine::{Bodies, Geometry, Inertia};
 use crate::scenario::PayloadShape;
 
 /// Contact solver, with the free objects that it moves.
@@ -103,6 +103,8 @@ pub struct Surroundings<'a> {
     pub geometry: &'a Geometry,
     /// Gravitational acceleration in the inertial frame, m/s².
     pub gravity: Vector3<f64>,
+    /// Inertia of the robot's bodies, with the payload.
+    pub bodies: &'a Bodies,
     /// Motion of the robot at the start.
     pub start: &'a Motion,
 }

@@ -153,8 +153,8 @@ pub(super) struct Scratch {
     pub corrections: usize,
     /// Wrenches that do not depend on the solution, without the drives.
     pub wrenches: [Twist; BODIES],
-    /// All wrenches of the last evaluation, without the drives.
-    pub total: [Twist; BODIES],
+    /// All wrenches of the last evaluation, without the drives, where laws depend on the solution.
+    total: [Twist; BODIES],
     /// Damping in W for the present step.
     pub damping: Damping,
     /// Loads on the rotors of elastic gears; those that do not depend on the solution are in `resting`.
@@ -212,6 +212,11 @@ pub(super) struct Context {
 }
 
 impl Context {
+    /// All wrenches of the last evaluation, without the drives.
+    pub fn loads(&self) -> &[Twist; BODIES] {
+        if self.forces.read_answer() { &self.scratch.total } else { &self.scratch.wrenches }
+    }
+
     fn scene<'b>(&self, t: f64, y: &'b [f64]) -> Scene<'b> {
         Scene { t, own: &y[self.layout.own()], torque: self.torque.at(t), closed: self.closed }
     }
@@ -250,30 +255,27 @@ impl Context {
         motion: &Motion,
         mut equations: impl FnMut(&Plant, &[Twist; BODIES], &mut Answer) -> Result<S, SingularPose>,
     ) -> Result<S, SingularPose> {
-        let reads = self.forces.read_answer();
+        if !self.forces.read_answer() {
+            let scratch = &mut self.scratch;
+            scratch.solutions += 1;
+            return equations(&self.plant, &scratch.wrenches, &mut scratch.answer);
+        }
         let mut mixing = self.forces.read_accelerations().then(Mixing::new);
         let scene = self.scene(t, y);
         let mut iteration = 0;
         loop {
             let scratch = &mut self.scratch;
             scratch.total = scratch.wrenches;
-            if reads {
-                let (total, powers) = (&mut scratch.total, &mut scratch.powers);
-                let answer = &scratch.answer;
-                let moving = mixing.is_some().then(|| answer.on(motion));
-                let motion = moving.as_ref().unwrap_or(motion);
-                let (reactions, motors) = (&answer.reactions, &mut scratch.motors.torque);
-                *motors = scratch.resting;
-                let at = Evaluation { plant: &self.plant, scene: &scene, motion, reactions };
-                self.forces.add(&at, true, Sums { wrenches: total, motors, powers });
-                carry(&self.plant, motion, total);
-                scratch.fault = scratch.fault.take().or_else(|| self.forces.fault(&at, powers));
-            }
-            if !reads {
-                let solution = equations(&self.plant, &scratch.total, &mut scratch.answer)?;
-                scratch.solutions += 1;
-                return Ok(solution);
-            }
+            let (total, powers) = (&mut scratch.total, &mut scratch.powers);
+            let answer = &scratch.answer;
+            let moving = mixing.is_some().then(|| answer.on(motion));
+            let moved = moving.as_ref().unwrap_or(motion);
+            let (reactions, motors) = (&answer.reactions, &mut scratch.motors.torque);
+            *motors = scratch.resting;
+            let at = Evaluation { plant: &self.plant, scene: &scene, motion: moved, reactions };
+            self.forces.add(&at, true, Sums { wrenches: total, motors, powers });
+            carry(&self.plant, moved, total);
+            scratch.fault = scratch.fault.take().or_else(|| self.forces.fault(&at, powers));
             let before = scratch.answer;
             let solution = equations(&self.plant, &scratch.total, &mut scratch.answer)?;
             let answer = scratch.answer;

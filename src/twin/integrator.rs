@@ -17,6 +17,8 @@ pub(super) struct Tableau {
     alpha: Table,
     gammas: Table,
     b: [f64; STAGES],
+    /// Weights of the embedded solution, one order lower; without them no error is estimated.
+    embedded: Option<[f64; STAGES]>,
 }
 
 /// Classical Runge–Kutta method of order 4.
@@ -25,6 +27,7 @@ pub(super) static RK4: Tableau = Tableau {
     alpha: [[0.0; 4], [0.5, 0.0, 0.0, 0.0], [0.0, 0.5, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
     gammas: [[0.0; 4]; 4],
     b: [1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0],
+    embedded: None,
 };
 
 /// ROS34PW2 of [Rang 2005]: order 3 for any W, stiffly accurate, L-stable for the exact Jacobian.
@@ -43,6 +46,7 @@ pub(super) static ROS34PW2: Tableau = Tableau {
         [2.421_238_070_609_534_6e-1, -1.223_250_583_904_514_7, 5.452_602_553_351_021e-1, 0.0],
     ],
     b: [2.421_238_070_609_534_6e-1, -1.223_250_583_904_514_7, 1.545_260_255_335_102, 4.358_665_215_084_59e-1],
+    embedded: Some([3.781_090_314_581_937e-1, -9.604_229_221_242_318e-2, 0.5, 2.179_332_607_542_295e-1]),
 };
 
 /// A stage of a step: (1 − hγW) k = f(t, y) + W·s, with s = h Σ γ_ij k_j.
@@ -114,6 +118,21 @@ impl Stepper {
     }
 }
 
+impl Stepper {
+    /// Largest error of the first `count` entries of the state in the last step, of `h` s with `tableau`: the
+    /// difference of the embedded solution, in the units of the state. Zero for a method without one.
+    pub fn error(&self, tableau: &Tableau, h: f64, count: usize) -> f64 {
+        let Some(embedded) = &tableau.embedded else { return 0.0 };
+        let [a, b, c, d] = std::array::from_fn(|i| h * (tableau.b[i] - embedded[i]));
+        let [first, second, third, fourth] = &self.k;
+        let mut worst = 0f64;
+        for at in 0..count {
+            worst = worst.max((a * first[at] + b * second[at] + c * third[at] + d * fourth[at]).abs());
+        }
+        worst
+    }
+}
+
 fn combine(out: &mut [f64], y: &[f64], k: &[Vec<f64>], weights: &[f64; STAGES], h: f64) {
     out.copy_from_slice(y);
     accumulate(out, k, weights, h);
@@ -136,7 +155,7 @@ mod tests {
 
     #[test]
     fn tableau_fulfils_the_order_conditions_of_a_w_method() {
-        let Tableau { gamma, alpha, gammas, b } = &ROS34PW2;
+        let Tableau { gamma, alpha, gammas, b, embedded } = &ROS34PW2;
         let times = |m: &Table, diagonal: f64, x: &[f64; STAGES]| -> [f64; STAGES] {
             std::array::from_fn(|i| (0..STAGES).map(|j| m[i][j] * x[j]).sum::<f64>() + diagonal * x[i])
         };
@@ -156,6 +175,11 @@ mod tests {
             (weigh(&times(gammas, *gamma, &a)), 0.0),
             (weigh(&times(gammas, *gamma, &g)), 0.0),
         ] {
+            approx::assert_abs_diff_eq!(got, want, epsilon = 1e-13);
+        }
+        // The embedded solution is of order 2 for any W.
+        let weigh = |x: &[f64; STAGES]| (0..STAGES).map(|i| embedded.expect("weights")[i] * x[i]).sum::<f64>();
+        for (got, want) in [(weigh(&one), 1.0), (weigh(&a), 0.5), (weigh(&g), 0.0)] {
             approx::assert_abs_diff_eq!(got, want, epsilon = 1e-13);
         }
     }

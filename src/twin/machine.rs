@@ -57,6 +57,8 @@ pub struct Twin {
     /// Whether there is neither a force law nor elasticity: nothing is stiff, and the struts are not made to spin.
     smooth: bool,
     stepper: Stepper,
+    /// Method and length (s) of the last step.
+    last: Option<(&'static Tableau, f64)>,
     t: f64,
     y: Vec<f64>,
     /// Energy at the start, plus energy added or lost instantaneously since then, J.
@@ -125,6 +127,7 @@ impl Twin {
         let smooth = plant.effects.iter().all(|a| a.effect.kind() != crate::effects::Kind::Force);
         let mut twin = Self {
             stepper: Stepper::new(layout.len()),
+            last: None,
             smooth: smooth && !elastic,
             form,
             context: Context {
@@ -167,7 +170,7 @@ impl Twin {
         let steep = context.forces.are_gears_steep(ROS34PW2.gamma * h);
         // Struts with an open socket may spin, and their restraint is stiff.
         let calm = *smooth && context.external.is_none() && context.closed == SocketSet::ALL;
-        let tableau: &Tableau = if calm && !steep { &RK4 } else { &ROS34PW2 };
+        let tableau: &'static Tableau = if calm && !steep { &RK4 } else { &ROS34PW2 };
         match form {
             Form::Assembled(mechanism, cache) => {
                 stepper.step(tableau, &mut Assembled { context, mechanism, cache }, *t, y, h)?;
@@ -176,8 +179,15 @@ impl Twin {
             Form::Absolute(joints) => stepper.step(tableau, &mut Absolute { context, joints }, *t, y, h)?,
         }
         self.t += h;
+        self.last = Some((tableau, h));
         self.invalidate();
         Ok(())
+    }
+
+    /// Largest estimated error of a position or velocity in the last step: m, rad, m/s or rad/s. Zero for a method
+    /// without an estimate.
+    pub fn step_error(&self) -> f64 {
+        self.last.map_or(0.0, |(tableau, h)| self.stepper.error(tableau, h, self.context.layout.own().start))
     }
 
     /// Accelerations, strut forces and joint forces now, under drive torques; the evaluation does not influence later
@@ -208,11 +218,11 @@ impl Twin {
             }
             Form::Axes => (Axes { context }.evaluate(*t, y)?, Reactions::default(), [Vector3::zeros(); SOCKETS]),
         };
-        let mut wrenches = self.context.scratch.total;
+        let mut wrenches = *self.context.loads();
         for (axis, torque) in torque.at(self.t).into_iter().enumerate() {
-            let (body, direction) = Motion::drive(axis);
-            motion.qdd[axis] = motion.bodies[body].angular_acceleration.dot(&direction);
-            wrenches[body].1 += direction * torque;
+            let (body, screw) = motion.drive(axis);
+            motion.qdd[axis] = screw.rate(&motion.bodies[body].acceleration, &motion.bodies[body].angular_acceleration);
+            screw.push(&mut wrenches[body], torque);
         }
         let [encoder_rate, encoder_acceleration] = self.context.of_encoders(self.t, &self.y, &motion);
         Ok(Snapshot { motion, encoder_rate, encoder_acceleration, reactions, sockets, wrenches, multipliers })
@@ -265,6 +275,7 @@ impl Twin {
         context.layout = layout;
         context.scratch.damping = Damping::default();
         self.stepper = Stepper::new(layout.len());
+        self.last = None;
         self.y = y;
         self.form = Form::Absolute(Box::new(joints));
         self.reference_energy += self.energy_balance() - balance;
@@ -316,8 +327,8 @@ impl Twin {
             (body.velocity, body.angular_velocity) = (*v, *omega);
         }
         for axis in 0..AXES {
-            let (body, direction) = Motion::drive(axis);
-            moved.qd[axis] = moved.bodies[body].angular_velocity.dot(&direction);
+            let (body, screw) = moved.drive(axis);
+            moved.qd[axis] = screw.rate_of(&moved.bodies[body]);
         }
         self.context.plant = joined;
         self.reload(Some(&moved))?;
@@ -336,6 +347,22 @@ impl Twin {
         self.reload(None)?;
         self.reference_energy += self.energy_balance() - balance;
         Ok(())
+    }
+
+    /// Stops all bodies where they are; the kinetic energy is lost instantaneously.
+    pub fn halt(&mut self) {
+        self.invalidate();
+        let balance = self.energy_balance();
+        let rates = match &self.form {
+            Form::Assembled(..) => assembled::RATES,
+            Form::Axes => axes::RATES,
+            Form::Absolute(_) => {
+                absolute::stop(&mut self.y);
+                0..0
+            }
+        };
+        self.y[rates].fill(0.0);
+        self.reference_energy += self.energy_balance() - balance;
     }
 
     fn reload(&mut self, moved: Option<&Motion>) -> Result<(), SingularPose> {
@@ -375,7 +402,9 @@ impl Twin {
 
     /// Sets the time without changing the state.
     pub fn set_time(&mut self, t: f64) {
-        self.invalidate();
+        if t != self.t {
+            self.invalidate();
+        }
         self.t = t;
     }
 

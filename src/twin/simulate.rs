@@ -16,7 +16,8 @@ use super::torque::Torque;
 use super::trace::{Sample, TripCause};
 use super::wrench::Twist;
 use super::{
-    Cause, Event, EventKind, Frame, LARGEST_ENERGY_ERROR, Options, Pose, Report, SimulationError, constraints, energy,
+    Cause, Event, EventKind, Frame, LARGEST_ENERGY_ERROR, Options, Pose, Report, SimulationError, SingularPose,
+    constraints, energy,
 };
 use crate::dynamics::Plant;
 use crate::kinematics::motion::SOCKETS;
@@ -170,6 +171,10 @@ struct Run<'a> {
     touching: Vec<(Meeting, f64)>,
     rest_since: Option<f64>,
     rested: bool,
+    /// Solution at the present time if it is known already.
+    known: Option<Snapshot>,
+    /// Length of the next step of a broken robot, s.
+    pace: f64,
     work: Vec<f64>,
     turned_over: f64,
     /// Number of frames so far; the number of events passed to the watcher follows.
@@ -192,7 +197,13 @@ impl<'a> Run<'a> {
         let t = k as f64 * self.period;
         self.twin.set_time(t);
         self.act(t)?;
-        let Ok(snapshot) = self.twin.evaluate(&self.torque) else { return self.stuck(t) };
+        let snapshot = match self.known.take() {
+            Some(known) => known,
+            None => match self.twin.evaluate(&self.torque) {
+                Ok(snapshot) => snapshot,
+                Err(SingularPose) => return self.stuck(t),
+            },
+        };
         let balance = self.twin.energy_balance_at(&snapshot.motion);
         if !balance.is_finite() {
             return self.stuck(t);
@@ -214,7 +225,10 @@ impl<'a> Run<'a> {
         if k.is_multiple_of(self.options.control_period) {
             self.control(t, &encoders, &tau)?;
         }
-        if self.advance(t + self.period).is_err() {
+        let end = (k + 1) as f64 * self.period;
+        if self.rested && self.next_action == self.options.actions.len() {
+            self.stay(end, snapshot);
+        } else if self.advance(end).is_err() {
             return self.stuck(t);
         }
         self.work.resize(self.twin.work().len(), 0.0);
@@ -346,6 +360,7 @@ impl<'a> Run<'a> {
     fn act(&mut self, t: f64) -> Result<(), SimulationError> {
         while let Some(action) = self.options.actions.get(self.next_action).filter(|a| a.t <= t + INSTANT) {
             self.next_action += 1;
+            self.known = None;
             let Some(contacts) = &mut self.contacts else { continue };
             let failed = |reason| SimulationError::Cell { t, reason };
             let motion = self.twin.motion();
@@ -436,6 +451,7 @@ impl<'a> Run<'a> {
             self.rested = true;
             let since = self.rest_since.unwrap_or(t);
             self.event(since, EventKind::Rest, "everything is at rest");
+            self.halt();
         }
     }
 

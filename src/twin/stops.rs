@@ -52,6 +52,9 @@ pub fn hits(plant: &Plant, motion: &Motion) -> [Option<Hit>; STOPS] {
         }
         if stops.hooke_stiffness > 0.0 {
             for joint in [UPPER_HOOKE, LOWER_HOOKE] {
+                if is_straighter(motion, joint, stops.hooke) {
+                    continue;
+                }
                 let (angle, rate, _) = bend(motion, joint);
                 out[joint] = beyond(angle, rate, [f64::NEG_INFINITY, stops.hooke]);
             }
@@ -73,6 +76,15 @@ fn beyond(x: f64, rate: f64, [low, high]: [f64; 2]) -> Option<Hit> {
 /// The two bodies of a Hooke joint: the outer one and the part of the telescope.
 fn joined(joint: usize) -> (usize, usize) {
     if joint == UPPER_HOOKE { (ROTOR, TELESCOPE_UPPER) } else { (END_EFFECTOR, TELESCOPE_LOWER) }
+}
+
+/// Whether a Hooke joint is certainly bent by less than `angle` (rad): its cosine is above the upper bound
+/// 1 − x²/2 + x⁴/24 of cos x.
+fn is_straighter(motion: &Motion, joint: usize, angle: f64) -> bool {
+    let (outer, inner) = joined(joint);
+    let along = |body: usize| motion.bodies[body].rotation.column(2);
+    let square = angle * angle;
+    along(outer).dot(&along(inner)) > 1.0 - square * (0.5 - square / 24.0)
 }
 
 /// Angle between the z axes of a Hooke joint's bodies (rad), its rate (rad/s), and the axis about which the telescope
@@ -117,8 +129,8 @@ pub(super) fn add(plant: &Plant, motion: &Motion, hits: &[Option<Hit>; STOPS], w
                 wrenches[outer].1 -= moment;
             }
             arm => {
-                let (body, direction) = Motion::drive(arm);
-                wrenches[body].1 += direction * push;
+                let (body, screw) = motion.drive(arm);
+                screw.push(&mut wrenches[body], push);
             }
         }
     }

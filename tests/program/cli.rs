@@ -294,6 +294,30 @@ fn export_and_import_lose_nothing() {
     assert!(refused(&["import", &csv, "-o", &csv]).contains("is an input"));
 }
 
+#[test]
+fn robots_and_tables_for_other_programs() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let [xml, urdf, mcap, table] = ["a.xml", "a.urdf", "a.mcap", "a.parquet"].map(|n| path(&folder, n));
+    let said = done(&["export", MODEL, "-o", &xml]);
+    assert!(said.contains("14 links of 9.553 kg, 6 ball sockets"), "{said}");
+    done(&["export", MODEL, "-o", &urdf]);
+    let [mjcf, tree] = [&xml, &urdf].map(|file| std::fs::read_to_string(file).unwrap());
+    assert_eq!((mjcf.matches("<connect ").count(), mjcf.matches("<motor ").count()), (6, 4));
+    assert_eq!(tree.matches("<loop_joint ").count(), 6);
+    assert!(refused(&["export", MODEL, "-o", &xml]).contains("--force"));
+    done(&["export", MODEL, "-o", &xml, "--force"]);
+    refused(&["export", "models/servo-axis.toml", "-o", &path(&folder, "b.xml")]);
+    refused(&["export", MODEL, "-o", &path(&folder, "b.csv")]);
+    done(&["simulate", SMOKE, "-o", &mcap]);
+    done(&["export", &mcap, "-o", &table]);
+    let table = deltatwin_study::campaign::parquet::Reader::open(Path::new(&table)).unwrap();
+    let (recording, _) = deltatwin_io::recording::read(Path::new(&mcap), None).unwrap();
+    let expected: Vec<f64> = recording.signals.tau.iter().map(|tau| tau[1]).collect();
+    let table = table.table().unwrap();
+    assert_eq!(table.numbers(table.column("tau2").unwrap()), expected);
+}
+
 /// The lines of a good recording, changed into a bad one.
 fn damaged(folder: &TempDir, name: &str, good: &str, change: impl Fn(usize, Vec<String>) -> Vec<String>) -> String {
     let lines: Vec<String> = good

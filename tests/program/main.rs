@@ -7,6 +7,7 @@ mod snapshot;
 
 mod cli;
 mod combinations;
+mod documents;
 mod exam;
 mod failures;
 mod faults;

@@ -51,6 +51,17 @@ impl Studio {
         (status, text.split_once("\r\n\r\n").map_or(String::new(), |(_, body)| body.into()))
     }
 
+    /// The next event of a stream of events.
+    fn event(stream: &mut impl BufRead) -> Value {
+        loop {
+            let mut line = String::new();
+            assert!(stream.read_line(&mut line).unwrap() > 0, "the stream has ended");
+            if let Some(data) = line.strip_prefix("data: ") {
+                return serde_json::from_str(data).unwrap();
+            }
+        }
+    }
+
     fn own(&self, method: &str, path: &str, body: &[u8]) -> (u16, Value) {
         let (status, body) = self.ask(method, path, &[("x-token", &self.token)], body);
         (status, serde_json::from_str(&body).unwrap_or(Value::String(body)))
@@ -187,4 +198,33 @@ fn the_loop_goes_on_after_a_kill() {
     let command = kept["versions"][1]["command"].as_str().unwrap().replace("'", "");
     let words: Vec<&str> = command.split(' ').skip(1).filter(|w| *w != "--map" && !w.starts_with("tau1=")).collect();
     assert_eq!(words[..2], ["identify", "models/servo-axis.toml"], "{command}");
+}
+
+#[test]
+fn windows_are_told_what_changes_and_what_is_wrong_with_a_typed_law() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let studio = Studio::open(folder.path());
+    let listen = |token: &str| {
+        let mut stream = TcpStream::connect(&studio.host).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        write!(stream, "GET /api/events?token={token} HTTP/1.1\r\nHost: {}\r\n\r\n", studio.host).unwrap();
+        BufReader::new(stream)
+    };
+    let mut head = String::new();
+    listen("wrong").read_line(&mut head).unwrap();
+    assert!(head.contains("403"), "{head}");
+    // More windows than there are threads that answer.
+    let mut windows: Vec<_> = (0..6).map(|_| listen(&studio.token)).collect();
+    let first: Vec<Value> = windows.iter_mut().map(Studio::event).collect();
+    assert!(first.iter().all(|state| state["session"]["versions"].as_array().unwrap().is_empty()));
+    studio.act(json!({"do": "shipped", "model": "servo-axis.toml"}));
+    for window in &mut windows {
+        assert_eq!(Studio::event(window)["session"]["versions"][0]["file"], "models/servo-axis.toml");
+    }
+    let asked = |at: &str, law: &str| studio.own("GET", &format!("/api/formula?at={at}&law={law}"), b"").1;
+    assert_eq!(asked("drive1", "-qd1*abs(qd1)")["unit"], "N·s²/m²");
+    let wrong = asked("drive1", "-tanh(50*qd9)");
+    assert_eq!((wrong["from"].as_u64(), wrong["to"].as_u64()), (Some(9), Some(12)), "{wrong}");
+    assert!(asked("platform_x", "1")["problem"].as_str().unwrap().contains("drive1"));
 }

@@ -24,6 +24,8 @@ pub const RESULT: &str = "result.json";
 pub const IDENTIFIED: &str = "identified.toml";
 /// Name of the model with the effects added.
 pub const MODEL: &str = "model.toml";
+/// Name of the figure of the errors before and after.
+pub const ERRORS: &str = "errors.svg";
 /// Name of the page.
 pub const PAGE: &str = "report.html";
 
@@ -142,7 +144,7 @@ pub fn result(analysis: &Analysis, origin: &Origin) -> Value {
         "add": add::of_diagnosis(d, Some(model)),
     });
     object.insert("stages".into(), stages);
-    object.insert("files".into(), json!({"identified": IDENTIFIED, "model": MODEL, "report": PAGE}));
+    object.insert("files".into(), json!({"identified": IDENTIFIED, "model": MODEL, "errors": ERRORS, "report": PAGE}));
     Value::Object(object)
 }
 
@@ -175,6 +177,10 @@ pub fn write(
     deltatwin_io::model::write_fitted(&fitted.model, &named(IDENTIFIED), &provenance(&fitted.parameters))?;
     let d = &analysis.diagnosis;
     deltatwin_io::model::write_fitted(&d.model, &named(MODEL), &provenance(&d.parameters[1]))?;
+    let errors = page::errors_figure(analysis);
+    replace_text(&named(ERRORS), errors.svg())
+        .into_diagnostic()
+        .wrap_err_with(|| format!("{}: cannot be written", folder.join(ERRORS).display()))?;
     let page = page::of_run(analysis, model, data, origin).into_diagnostic()?;
     page.write(named(PAGE)).into_diagnostic()?;
     let text = format!("{:#}\n", result(analysis, origin));

@@ -14,6 +14,7 @@ pub mod folder;
 pub mod gate;
 pub mod identify;
 pub mod json;
+pub mod law;
 pub mod page;
 pub mod run;
 pub mod unexplained;

@@ -6,7 +6,7 @@ use crate::identify::Identification;
 use crate::run::Analysis;
 use deltatwin::comparison::Comparison;
 use deltatwin::diagnosis::{Addition, Diagnosis, Verdict};
-use deltatwin::dynamics::Plant;
+use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::gate::Finding;
 use deltatwin::identification::{Dataset, Estimate, FitError};
 use deltatwin::model::Model;
@@ -15,7 +15,7 @@ use deltatwin_report::component::errors::Errors;
 use deltatwin_report::component::signals::Signals;
 use deltatwin_report::component::{candidates, errors, origin, parameters, signals};
 use deltatwin_report::drawing::residual::Stage;
-use deltatwin_report::{Callout, Report, drawing};
+use deltatwin_report::{Callout, ErrorGroup, Figure, Report, drawing, falling_error};
 
 /// Where results come from.
 #[derive(Clone, Debug, Default)]
@@ -47,13 +47,10 @@ pub fn of_run(a: &Analysis, model: &Model, data: &Data, origin: &Origin) -> Resu
     if !origin.note.is_empty() {
         page.callout(Callout::Note, &origin.note);
     }
-    let delivered = a.delivered.held_out_rms.as_ref().unwrap_or(&a.delivered.rms);
-    let identified = a.identification.held_out_rms.as_ref().unwrap_or(&a.identification.fitted.residuals.rms);
-    let mut stages: Vec<(&str, &[f64])> = vec![("delivered", delivered), ("identified", identified)];
+    let stages = stages_of_run(a);
     let mut models =
         vec![Stage { name: "delivered", model }, Stage { name: "identified", model: &a.identification.fitted.model }];
-    if !d.effects.is_empty() || d.unexplained.is_some() {
-        stages.push(("effect added", &d.rms_after));
+    if stages.len() > models.len() {
         models.push(Stage { name: "effect added", model: &d.model });
     }
     let held_out = !data.held_out.is_empty();
@@ -73,6 +70,30 @@ pub fn of_run(a: &Analysis, model: &Model, data: &Data, origin: &Origin) -> Resu
     next(&mut page, d);
     end(&mut page, origin);
     Ok(page)
+}
+
+/// RMS errors of a run at every stage of the model, N·m or N.
+fn stages_of_run(a: &Analysis) -> Vec<(&str, &[f64])> {
+    let d = &a.diagnosis;
+    let delivered = a.delivered.held_out_rms.as_ref().unwrap_or(&a.delivered.rms);
+    let identified = a.identification.held_out_rms.as_ref().unwrap_or(&a.identification.fitted.residuals.rms);
+    let mut stages: Vec<(&str, &[f64])> = vec![("delivered", delivered), ("identified", identified)];
+    if !d.effects.is_empty() || d.unexplained.is_some() {
+        stages.push(("effect added", &d.rms_after));
+    }
+    stages
+}
+
+/// Figure of the RMS errors of a run at every stage of the model, against the noise.
+pub fn errors_figure(a: &Analysis) -> Figure {
+    let (names, errors): (Vec<&str>, Vec<&[f64]>) = stages_of_run(a).into_iter().unzip();
+    let group = |(c, channel): (usize, &Channel)| ErrorGroup {
+        name: channel.title(),
+        values: errors.iter().map(|rms| rms[c]).collect(),
+        floor: a.diagnosis.noise_floor.get(c).copied(),
+    };
+    let groups: Vec<ErrorGroup> = a.diagnosis.channels.iter().enumerate().map(group).collect();
+    falling_error("RMS error", "RMS error / N·m or N", &names, &groups)
 }
 
 /// Page of a comparison, with the residuals of a later model `beside` it where given, under its name.
@@ -292,7 +313,8 @@ pub fn next(page: &mut Report, d: &Diagnosis) {
     page.callout(Callout::Note, &format!("Next experiment, {}.", next.what.trim_end_matches('.')));
 }
 
-fn end(page: &mut Report, origin: &Origin) {
+/// Adds where the results of a page come from.
+pub fn end(page: &mut Report, origin: &Origin) {
     let inputs: Vec<[String; 4]> = origin
         .inputs
         .iter()

@@ -22,10 +22,10 @@ mod robot;
 mod tests;
 mod world;
 
-use deltatwin::cell::{CellError, Object, Surface, check};
+use deltatwin::cell::{CellError, Mobility, Object, Surface, check};
 use deltatwin::kinematics::{Motion, SocketSet};
-use deltatwin::machine::bodies::{BODIES, END_EFFECTOR, body_name};
-use deltatwin::machine::{Geometry, Inertia};
+use deltatwin::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, body_name};
+use deltatwin::machine::{Bodies, Geometry, Inertia};
 use deltatwin::scenario::PayloadShape;
 use deltatwin::twin::{ContactBody, ContactWork, Contacts, Held, Surroundings, Touch, Twist};
 use nalgebra::{Isometry3, Matrix3, Vector3};
@@ -48,6 +48,8 @@ const STEP: f64 = 0.1;
 const DEEPEST_START: f64 = 1e-3;
 /// Effective mass at the end of a strut, kg: a quarter of 0.179 kg ([Gnad 2024], Table 3).
 const STRUT_END_MASS: f64 = 0.045;
+/// Effective mass at a corner of a free body, relative to its mass.
+const CORNER: f64 = 0.25;
 
 /// Contact solver of a robot with its surroundings and its own frame, for [`Options::contacts`].
 ///
@@ -56,8 +58,9 @@ const STRUT_END_MASS: f64 = 0.045;
 ///
 /// [`Options::contacts`]: deltatwin::twin::Options::contacts
 pub fn contacts(surroundings: &Surroundings<'_>) -> Result<Box<dyn Contacts>, CellError> {
-    let Surroundings { objects, payload, geometry, gravity, start } = *surroundings;
+    let Surroundings { objects, payload, geometry, gravity, bodies, start } = *surroundings;
     let mut cell = Cell::with_frame(objects, geometry, payload, gravity)?;
+    cell.weigh(bodies);
     cell.check_start(start)?;
     Ok(Box::new(cell))
 }
@@ -69,6 +72,11 @@ pub struct Cell {
     world: World,
     robot: Robot,
     neighbours: Neighbours,
+    /// Effective masses of the robot's bodies at their surfaces, kg.
+    masses: [f64; BODIES],
+    /// Least effective mass over stiffness of the pairs that were near at the last call of `near`, s²; of all pairs that
+    /// there could be before.
+    quickest: f64,
     /// Force (N) and moment about the origin (N·m) on each body of the robot, inertial axes.
     wrenches: [Wrench; BODIES],
     /// Loads on the objects, force and moment about the origin, at the last call of `wrenches`; those at the previous
@@ -151,6 +159,8 @@ impl Cell {
             world: World::new(&all, &parts, gravity),
             robot: Robot::new(parts),
             neighbours: Neighbours::default(),
+            masses: [STRUT_END_MASS; BODIES],
+            quickest: all.iter().map(quickness).fold(STRUT_END_MASS / Surface::default().stiffness, f64::min),
             wrenches: UNLOADED,
             reactions: vec![(Vector3::zeros(), Vector3::zeros()); all.len()],
             earlier: vec![(Vector3::zeros(), Vector3::zeros()); all.len()],
@@ -160,6 +170,18 @@ impl Cell {
             points: Vec::new(),
             queries: 0,
         })
+    }
+
+    /// Takes the masses of the robot's `bodies` for the length of its steps; without them all are struts. The end
+    /// effector moves with the platform.
+    fn weigh(&mut self, bodies: &Bodies) {
+        for (body, mass) in self.masses.iter_mut().enumerate() {
+            let own = match body {
+                PLATFORM | END_EFFECTOR => bodies[PLATFORM].mass + bodies[END_EFFECTOR].mass,
+                _ => bodies[body].mass,
+            };
+            *mass = (CORNER * own).max(STRUT_END_MASS);
+        }
     }
 
     /// Checks that the robot penetrates no object by more than 1 mm at the start.
@@ -221,40 +243,48 @@ impl Cell {
     }
 }
 
+/// Effective mass over stiffness of an object, s²; infinite for one that does not move.
+fn quickness(object: &Object) -> f64 {
+    match &object.mobility {
+        Mobility::Free { mass } => CORNER * mass / object.surface.stiffness,
+        _ => f64::INFINITY,
+    }
+}
+
 impl Contacts for Cell {
     fn near(&mut self, motion: &Motion, closed: SocketSet, horizon: f64) -> bool {
-        let Self { world, robot, neighbours, .. } = self;
+        let Self { world, robot, neighbours, masses, quickest, .. } = self;
         let travel = |speed: f64| speed * horizon + 0.5 * ACCELERATION * horizon * horizon;
         let extents = robot.extents();
         let speed_of = |body: usize| Placement::from(&motion.bodies[body]).speed(extents[body]);
         let links = (0..BODIES).map(speed_of).fold(0.0, f64::max);
         let objects = world.present().map(|o| o.at.speed(o.extent)).fold(0.0, f64::max);
         neighbours.look(world, robot, motion, closed, travel(links + links.max(objects)));
-        neighbours.pairs.iter().any(|&(first, second)| {
-            let Some(link) = robot.placed(world, first, motion) else { return false };
+        let near = |&(first, second): &(Collider, Collider)| {
+            let link = robot.placed(world, first, motion)?;
             let within = |bounds: &placement::Bounds, hull: &Hull, at: &Placement, speed: f64| {
                 let margin = travel(speed_of(link.body) + speed);
                 link.bounds.overlap(bounds, margin) && link.hull.within(&link.at, hull, at, margin)
             };
+            let own = masses[link.body];
             match (robot.placed(world, second, motion), second) {
-                (Some(other), _) => within(&other.bounds, other.hull, &other.at, speed_of(other.body)),
+                (Some(other), _) => within(&other.bounds, other.hull, &other.at, speed_of(other.body))
+                    .then(|| own.min(masses[other.body]) / Surface::default().stiffness),
                 (None, Collider::Object(o)) => {
                     let object = &world.objects[o];
                     within(&object.bounds, &object.hull, &object.at, object.at.speed(object.extent))
+                        .then(|| (own / object.object.surface.stiffness).min(quickness(&object.object)))
                 }
-                (None, Collider::Part(_)) => false,
+                (None, Collider::Part(_)) => None,
             }
-        })
+        };
+        let least = neighbours.pairs.iter().filter_map(near).reduce(f64::min);
+        *quickest = least.unwrap_or(*quickest);
+        least.is_some()
     }
 
     fn longest_step(&self) -> f64 {
-        let default = Surface::default();
-        let objects = self.world.objects.iter().map(|o| {
-            // The effective mass at a corner of a free body is about a quarter of its mass.
-            let own = if o.inertia.mass > 0.0 { 0.25 * o.inertia.mass } else { f64::INFINITY };
-            own.min(STRUT_END_MASS) / o.object.surface.stiffness
-        });
-        STEP * objects.fold(STRUT_END_MASS / default.stiffness, f64::min).sqrt()
+        STEP * self.quickest.sqrt()
     }
 
     fn wrenches(&mut self, motion: &Motion, closed: SocketSet) -> &[Twist; BODIES] {

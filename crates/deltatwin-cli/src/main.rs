@@ -45,7 +45,10 @@ fn main() -> ExitCode {
     if let Some(limit) = cli.time_limit.filter(|_| !matches!(cli.command, Some(Command::Diagnose(_)))) {
         terminal::end_after(limit);
     }
-    match run(cli.command.unwrap_or_else(|| Command::Demo(demo::Args::default()))) {
+    let outcome = run(cli.command.unwrap_or_else(|| Command::Demo(demo::Args::default())));
+    #[cfg(feature = "viewer")]
+    command::view::end();
+    match outcome {
         Ok(status) => ExitCode::from(status),
         Err(report) => {
             terminal::complain(format!("{report:?}"));

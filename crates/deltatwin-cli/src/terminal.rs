@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use miette::{IntoDiagnostic, miette};
+use miette::{IntoDiagnostic, WrapErr, miette};
 use serde_json::{Value, json};
 
 use deltatwin::dynamics::Channel;
@@ -152,7 +152,7 @@ pub fn check_output(output: &Path, inputs: &[&Path], extensions: &[&str]) -> mie
 /// Reads the model of an assembled delta robot with telescope.
 pub fn assembled_robot(file: &Path) -> miette::Result<Model> {
     let model = model::read(file)?;
-    if !model.assembled || model.mechanism != (Mechanism::Delta { telescope: true }) {
+    if !model.assembled || model.mechanism != Mechanism::delta(true) {
         return Err(miette!("{}: expected the model of an assembled delta robot with telescope", file.display()));
     }
     Ok(model)
@@ -173,15 +173,25 @@ pub fn today() -> String {
 /// # Errors
 /// If an input cannot be read.
 pub fn origin(stage: &str, model: Option<&Path>, inputs: &Inputs, warnings: &[String]) -> miette::Result<Origin> {
+    Ok(Origin { inputs: Input::all(model, inputs)?, warnings: warnings.to_vec(), ..origin_of(stage, &[])? })
+}
+
+/// Where the results of this command come from, whose inputs are `files`, each with its role.
+///
+/// # Errors
+/// If a file cannot be read.
+pub fn origin_of(stage: &str, files: &[(&'static str, &Path)]) -> miette::Result<Origin> {
     let rest = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
+    let input = |(role, file): &(&'static str, &Path)| {
+        Input::of(role, file).into_diagnostic().wrap_err_with(|| format!("{}: cannot be read", file.display()))
+    };
     Ok(Origin {
         command: std::iter::once("deltatwin".to_string()).chain(rest).collect(),
         stage: stage.into(),
         version: env!("CARGO_PKG_VERSION").into(),
         date: today(),
-        inputs: Input::all(model, inputs)?,
-        warnings: warnings.to_vec(),
-        note: String::new(),
+        inputs: files.iter().map(input).collect::<miette::Result<_>>()?,
+        ..Origin::default()
     })
 }
 

@@ -235,7 +235,8 @@ pub fn run(program: &Path, folder: &Path, line: &[String], longest: Duration) ->
     };
     Ok(match status.code() {
         Some(0) if is_nonsense(folder, &out, line) => End::Nonsense,
-        Some(0 | 1) => End::Answer,
+        // 130: by its time limit.
+        Some(0 | 1 | 130) => End::Answer,
         Some(2) => End::Refusal,
         Some(_) => End::Panic,
         None => End::Abort,

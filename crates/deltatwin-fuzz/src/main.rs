@@ -287,7 +287,8 @@ fn commands(
             std::fs::write(folder.join(name), &files[*name])?;
         }
         for out in command::WRITTEN {
-            let _ = std::fs::remove_file(folder.join(out));
+            let out = folder.join(out);
+            let _ = if out.is_dir() { std::fs::remove_dir_all(&out) } else { std::fs::remove_file(&out) };
         }
     }
     Ok(ends)

@@ -132,6 +132,16 @@ var deltatwin = (() => {
     };
   }
 
+  // Names of curves with their colours, given as variables of the style.
+  function keys(parent, entries) {
+    const row = element(parent, "p", { class: "keys" });
+    for (const [name, color] of entries) {
+      const key = element(row, "span");
+      element(key, "i").style.background = `var(${color})`;
+      key.append(name);
+    }
+  }
+
   function chart(parent, options, data) {
     const box = element(parent, "div");
     const width = () => Math.max(240, box.clientWidth || parent.clientWidth || 600);
@@ -222,8 +232,8 @@ var deltatwin = (() => {
       const n = this.stages.length, colors = this.stages.map((_, s) => () => STAGE(s, n));
       const data = width => view(this.t, this.header.breaks, c.pyramids.average, ...this.whole, width);
       const made = chart(this.over, {
-        height: 74, cursor: { show: false }, scales: { x: { time: false }, y: { range: symmetric } },
-        axes: [axis(undefined, 26), { ...axis(undefined, 56), splits: () => [0] }],
+        height: 92, cursor: { show: false }, scales: { x: { time: false }, y: { range: symmetric } },
+        axes: [axis("t / s", 26), { ...axis(undefined, 56), splits: () => [0] }],
         series: [{}, ...colors.map(stroke => ({ stroke, width: 1, points: { show: false } }))],
         hooks: { draw: [u => this.marked(u)] },
       }, data(800));
@@ -268,6 +278,7 @@ var deltatwin = (() => {
         if (this.torques) {
           const both = element(this.time, "div", { class: "plot", tabindex: "0", role: "img", "aria-label": `${c.name}, measured and model` });
           const head = element(both, "h4", {}, `${c.name}: measured, and ${this.stages[n - 1]}`);
+          keys(both, [["measured", "--measured"], [this.stages[n - 1], n === 1 ? "--s0" : "--s2"]]);
           this.add(both, element(head, "small"), c, [c.pyramids.measured, c.pyramids.models[n - 1]], {
             series: [{}, { stroke: () => css("--measured"), width: 1, points: { show: false } }, { stroke: () => STAGE(n - 1, n), width: 1, points: { show: false } }],
           }, c.unit, 0);
@@ -275,10 +286,11 @@ var deltatwin = (() => {
       });
       if (this.rates.length) {
         const plot = element(this.time, "div", { class: "plot", tabindex: "0", role: "img", "aria-label": "joint speeds over time" });
-        const head = element(plot, "h4", {}, `motion: ${this.rates.map(r => r.name).join(", ")}`);
+        const head = element(plot, "h4", {}, "motion: speeds of the joints");
         const palette = ["--s1", "--s0", "--s2", "--measured"];
+        keys(plot, this.rates.map((r, i) => [r.name, palette[i % 4]]));
         this.add(plot, element(head, "small"), { unit: this.rates[0].unit, names: this.rates.map(r => r.name) }, this.rates.map(r => r.pyramid), {
-          height: 120, series: [{}, ...this.rates.map((_, i) => ({ stroke: () => css(palette[i % 4]), width: 1, points: { show: false } }))],
+          height: 138, series: [{}, ...this.rates.map((_, i) => ({ stroke: () => css(palette[i % 4]), width: 1, points: { show: false } }))],
         }, `q̇ / ${this.rates[0].unit}`, 0);
       }
     }
@@ -289,7 +301,7 @@ var deltatwin = (() => {
       const made = chart(plot, {
         ...options,
         scales: { x: { time: false, range: () => this.window }, ...options.scales },
-        axes: [axis(undefined, 28), axis(label, 62)],
+        axes: [axis("t / s", 28), axis(label, 62)],
         cursor: { sync: { key: "deltatwin" }, drag: { x: true, y: false, setScale: false }, points: { size: 5 }, bind: { dblclick: () => () => { this.show(...this.whole); } } },
         hooks: {
           ...options.hooks,
@@ -474,6 +486,129 @@ var deltatwin = (() => {
     }
   }
 
+  // Colours of pictures on white paper, where they differ on a screen: light, dark.
+  const SHADES = { "#3b3b3b": ["#3b3b3b", "#aab2ba"], "#0072b2": ["#0072b2", "#57b0ea"], "#d55e00": ["#c65500", "#f28a3c"], "#009e73": ["#008060", "#35c79b"],
+    "#cc79a7": ["#b0578a", "#e09cc3"], "#e69f00": ["#a06f00", "#e6b53c"], "#56b4e9": ["#3286bb", "#8fd0f5"], "#9aa3ad": ["#737c86", "#8f99a3"] };
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const shade = color => (SHADES[color] || [color, color])[dark.matches ? 1 : 0];
+
+  // A figure of curves over a common abscissa, drawn to be zoomed; its picture remains for print.
+  class Curves {
+    constructor(figure, content) {
+      this.section = figure;
+      this.content = content;
+      this.hidden = new Set();
+      const svg = figure.querySelector(".drawing svg"), title = svg ? svg.getAttribute("aria-label") : "";
+      const box = element(figure, "div", { class: "curves-live" });
+      figure.prepend(box);
+      if (title) element(box, "h4", {}, title);
+      this.labels(box);
+      const x = content.panels.flatMap(p => p.x.flatMap(a => [a[0], a[a.length - 1]])).filter(v => v !== undefined);
+      this.whole = [Math.min(...x), Math.max(...x)];
+      this.window = [...this.whole];
+      this.charts = content.panels.map((p, k) => this.panel(box, p, k === content.panels.length - 1));
+    }
+
+    // Buttons that hide and show curves, one for every name.
+    labels(box) {
+      const names = new Map();
+      for (const c of this.content.panels.flatMap(p => p.curves)) if (c.label && !names.has(c.label)) names.set(c.label, c);
+      const row = element(box, "div", { class: "choice", role: "group", "aria-label": "curves" });
+      for (const [name, c] of names.size > 1 ? names : []) {
+        const b = element(row, "button", { type: "button", "aria-pressed": true }, name);
+        const key = document.createElement("i");
+        key.dataset.color = c.color;
+        if (c.style === "dashed") key.className = "dashed";
+        b.prepend(key);
+        b.onclick = () => {
+          if (!this.hidden.delete(name)) this.hidden.add(name);
+          b.setAttribute("aria-pressed", !this.hidden.has(name));
+          for (const { u, of } of this.charts) of.forEach((curve, i) => { if (curve.label === name) u.setSeries(i + 1, { show: !this.hidden.has(name) }); });
+        };
+      }
+      for (const [text, label, act] of [["◀", "earlier", () => this.pan(-.25)], ["▶", "later", () => this.pan(.25)],
+        ["+", "closer", () => this.zoom(.5)], ["−", "wider", () => this.zoom(2)], ["all", "everything", () => this.show(...this.whole)]])
+        element(row, "button", { type: "button", "aria-label": label, title: label }, text).onclick = act;
+      this.row = row;
+      this.paint();
+    }
+
+    paint() {
+      for (const key of this.row.querySelectorAll("i")) key.style.color = shade(key.dataset.color);
+    }
+
+    panel(box, panel, last) {
+      const plot = element(box, "div", { class: "plot", tabindex: "0", role: "img", "aria-label": `${panel.title} ${panel.unit} over ${this.content.x}` });
+      const head = element(plot, "h4", {}, panel.title), value = element(head, "small");
+      const groups = panel.x.map((x, k) => panel.curves.filter(c => c.x === k));
+      // Steps have equal abscissae, which a join of tables would merge.
+      const apart = 1e-9 * (this.whole[1] - this.whole[0]);
+      const ascending = panel.x.map(x => { let last = -Infinity; return x.map(v => last = v > last ? v : last + apart); });
+      const tables = ascending.map((x, k) => [x, ...groups[k].map(c => c.y)]);
+      const of = groups.flat(), data = tables.length > 1 ? uPlot.join(tables) : tables[0] || [[]];
+      const log = this.content.logarithmic;
+      const series = of.map(c => ({
+        label: c.label, stroke: () => shade(c.color), width: c.style === "points" ? 0 : c.style === "thin" ? .7 : 1.5,
+        dash: c.style === "dashed" ? [6, 4] : undefined,
+        points: { show: c.style === "points", size: 5, fill: () => shade(c.color), stroke: () => shade(c.color) },
+      }));
+      const single = this.content.panels.length === 1;
+      // A name that is longer than its axis stands below the chart.
+      const fits = 7 * this.content.x.length < plot.clientWidth - 90;
+      const made = chart(plot, {
+        height: single ? 280 : 158, series: [{}, ...series],
+        axes: [axis(last && fits ? this.content.x : undefined, 28), { ...axis(panel.unit, 62), space: 24 }],
+        scales: { x: { time: false, ...(log ? { distr: 3 } : {}) }, y: log ? { distr: 3 } : { range: padded } },
+        cursor: { sync: { key: this.section.id }, drag: { x: true, y: false, setScale: false }, points: { size: 5 }, bind: { dblclick: () => () => { this.show(...this.whole); } } },
+        hooks: {
+          setSelect: [u => {
+            if (u.select.width < 4) return;
+            const [a, b] = [u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x")];
+            u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
+            this.show(a, b);
+          }],
+          setCursor: [u => {
+            const k = u.cursor.idx;
+            value.textContent = k === null || k === undefined || !u.data[0].length ? ""
+              : `${digits(u.data[0][k])}: ` + u.data.slice(1).map((y, s) => u.series[s + 1].show && y[k] !== null && y[k] !== undefined ? `${of[s].label} ${digits(y[k])}`.trim() : null).filter(x => x !== null).join(" · ");
+          }],
+        },
+      }, data);
+      plot.addEventListener("keydown", e => {
+        const act = { ArrowLeft: () => this.pan(-.2), ArrowRight: () => this.pan(.2), "+": () => this.zoom(.6), "=": () => this.zoom(.6), "-": () => this.zoom(1.6), "0": () => this.show(...this.whole) }[e.key];
+        if (act && !e.ctrlKey && !e.metaKey) { e.preventDefault(); act(); }
+      });
+      if (last && !fits) element(plot, "p", { class: "small" }, `over: ${this.content.x}`);
+      return { ...made, of };
+    }
+
+    show(from, to) {
+      const least = 1e-4 * (this.whole[1] - this.whole[0]);
+      if (!(to - from > least)) return;
+      this.window = [Math.max(from, this.whole[0]), Math.min(to, this.whole[1])];
+      for (const { u } of this.charts) u.setScale("x", { min: this.window[0], max: this.window[1] });
+    }
+    pan(share) {
+      const d = this.window[1] - this.window[0];
+      const a = Math.min(Math.max(this.window[0] + share * d, this.whole[0]), this.whole[1] - d);
+      this.show(a, a + d);
+    }
+    zoom(factor) {
+      const centre = this.content.logarithmic ? Math.sqrt(this.window[0] * this.window[1]) : (this.window[0] + this.window[1]) / 2;
+      this.show(centre - factor * (centre - this.window[0]), centre + factor * (this.window[1] - centre));
+    }
+    resize() { for (const c of this.charts) c.u.setSize({ width: c.width(), height: c.u.height }); }
+    recolor() { this.paint(); for (const c of this.charts) c.u.redraw(false); }
+    seen() {}
+  }
+
+  // Range of a scale with some room, also around a constant.
+  function padded(u, low, high) {
+    if (low === null || high === null) return [-1, 1];
+    const room = high > low ? .06 * (high - low) : .05 * Math.abs(high) || 1;
+    return [low - room, high + room];
+  }
+
   // Range of a scale around zero that shows all but single outliers.
   function symmetric(u, low, high) {
     const m = Math.max(Math.abs(low || 0), Math.abs(high || 0)) || 1;
@@ -500,6 +635,13 @@ var deltatwin = (() => {
       } catch (error) {
         element(panels, "p", { class: "callout bad" }, `The curves cannot be drawn: ${error.message}`);
       }
+    }
+    for (const figure of root.querySelectorAll("figure:not(.live)")) {
+      const content = figure.querySelector("script.curves");
+      if (!content) continue;
+      // Without the script's drawing the picture remains.
+      try { all.push(new Curves(figure, JSON.parse(content.textContent))); figure.classList.add("live"); }
+      catch (error) { figure.querySelector(".curves-live")?.remove(); console.error(error); }
     }
     document.documentElement.dataset.ready = performance.now().toFixed(0);
   }

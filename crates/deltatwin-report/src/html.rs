@@ -146,12 +146,18 @@ impl Report {
         self.push(html)
     }
 
-    /// Adds a figure with a numbered caption.
+    /// Adds a figure with a numbered caption; on a screen its curves, if it has any, can be zoomed.
     pub fn figure(&mut self, figure: &Figure, caption: &str) -> &mut Self {
         self.figures += 1;
         let (n, svg, caption) = (self.figures, figure.svg(), escape(caption));
+        let live = figure.live().map_or(String::new(), |data| {
+            self.interactive = true;
+            // In a script element only `<` could end the text.
+            let data = data.replace('<', "\\u003c");
+            format!("<script type=\"application/json\" class=\"curves\">{data}</script>\n")
+        });
         self.push(format!(
-            "<figure id=\"figure-{n}\">\n<div class=\"drawing\">{svg}</div>\n<figcaption><b>Figure {n}.</b> {caption}</figcaption>\n</figure>"
+            "<figure id=\"figure-{n}\">\n<div class=\"drawing\">{svg}</div>\n{live}<figcaption><b>Figure {n}.</b> {caption}</figcaption>\n</figure>"
         ))
     }
 
@@ -172,7 +178,7 @@ impl Report {
 
     /// Adds the [`Self::fragment`] of another page, as it is; a page with curves becomes interactive.
     pub fn fragment_of(&mut self, fragment: &str) -> &mut Self {
-        self.interactive |= fragment.contains("data-signals");
+        self.interactive |= fragment.contains("data-signals") || fragment.contains("class=\"curves\"");
         self.push(fragment.into())
     }
 
@@ -334,9 +340,9 @@ table.cards td { padding-right: 1.1rem; }
   figure svg [stroke='#F0F2F4'] { stroke: #22272c; }
   figure svg [stroke='#B4BAC1'] { stroke: #57606a; }
   figure svg [fill='#B4BAC1'] { fill: #57606a; }
-  figure svg [fill='#3B3B3B'] { fill: #8a9299; }
+  figure svg [fill='#3B3B3B'] { fill: #6c747c; }
   figure svg [stroke='#3B3B3B'] { stroke: #8a9299; }
-  figure svg [fill='#0072B2'] { fill: #2b86d0; }
+  figure svg [fill='#0072B2'] { fill: #2079c2; }
   figure svg [stroke='#0072B2'] { stroke: #2b86d0; }
 }
 @media print {
@@ -344,6 +350,13 @@ table.cards td { padding-right: 1.1rem; }
   main { max-width: none; padding: 0; }
   figure, .callout, tr, .tiles div { break-inside: avoid; }
   nav { display: none; }
+  .wide { overflow: visible; }
+  table { font-size: .8rem; }
+  td, th { overflow-wrap: anywhere; white-space: normal !important; }
+  td.n, th.n { overflow-wrap: normal; }
+  pre { white-space: pre-wrap; overflow-wrap: anywhere; }
+  .tiles { grid-template-columns: repeat(4, 1fr); }
+  .tiles b { font-size: 1.2rem; }
   h2, h2 + p { break-after: avoid; }
   .callout { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
 }
@@ -362,7 +375,7 @@ mod tests {
         report.heading(evil).paragraph(evil).callout(Callout::Bad, evil);
         report.table(&[evil], &[[evil]]).figure(&figure, evil);
         let page = report.render();
-        assert!(!page.contains("<script"));
+        assert!(!page.contains("<script>alert"));
         assert!(!page.contains('\u{7}'));
         assert!(page.contains("&lt;script&gt;alert(&quot;1 &amp; &#39;2&#39;&quot;)&lt;/script&gt;"));
     }

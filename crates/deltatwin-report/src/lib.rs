@@ -5,6 +5,7 @@ pub mod component;
 pub mod drawing;
 pub mod figure;
 pub mod html;
+pub mod plan;
 pub mod study;
 
 pub use figure::{
@@ -12,4 +13,5 @@ pub use figure::{
     panels, ranking, rates, scatter_binned, spectrum, stacked, time_series,
 };
 pub use html::{Callout, Report};
+pub use plan::{PlanPage, plan_page};
 pub use study::{FmeaRow, KeyNumber, StudyPage, StudySection, study_page};

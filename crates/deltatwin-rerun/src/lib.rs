@@ -5,3 +5,4 @@ pub mod scene;
 pub mod show;
 pub mod stream;
 pub mod watch;
+pub mod web;

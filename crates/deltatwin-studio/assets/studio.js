@@ -25,15 +25,16 @@
   let own = "";
   function say(text) { own = text; $("message").textContent = text; $("message").hidden = !text; }
 
-  async function poll() {
-    let wait = 1000;
-    try {
-      const next = await ask("/api/state");
-      render(next);
-      if (next.job) wait = 250;
-      if (lost) { lost = false; say(""); }
-    } catch { lost = true; say("The server does not answer. Start `deltatwin studio` on the same folder again; nothing is lost."); wait = 1500; }
-    setTimeout(poll, wait);
+  // The server tells every change; a lost connection is made again by the browser.
+  function listen() {
+    const events = new EventSource(`/api/events?token=${encodeURIComponent(token)}`);
+    events.onmessage = event => { if (lost) { lost = false; say(""); } render(JSON.parse(event.data)); };
+    events.onerror = () => {
+      lost = true;
+      say("The server does not answer. Start `deltatwin studio` on the same folder again; nothing is lost.");
+      // After an answer that is no stream the browser gives up.
+      if (events.readyState === EventSource.CLOSED) setTimeout(listen, 1500);
+    };
   }
   let lost = false;
 
@@ -293,7 +294,10 @@
       for (const name of [...named, ...state.effects.filter(n => !named.includes(n) && n !== "rigid_bodies")]) element(select, "option", { value: name }, name + (named.includes(name) ? " (named)" : ""));
       const b = element(row, "button", { type: "button", class: "go" }, "Add it");
       b.disabled = busy() || !ok;
-      b.onclick = () => act({ do: "add", effect: select.value });
+      b.onclick = () => act({ do: "add", effect: select.value, laws: select.value === "formula" ? laws() : [] });
+      const laws = formula(element(box, "div"), good => { b.disabled = busy() || !ok || (select.value === "formula" && !good); });
+      select.onchange = () => laws.show(select.value === "formula");
+      laws.show(select.value === "formula");
       outcome(box, "add");
     },
     next(box) {
@@ -315,6 +319,51 @@
       for (const c of [`cd ${state.folder}`, result("check")?.command, ...chain, result("why")?.command]) command(box, c);
     },
   };
+
+  // ---- a law that is typed -------------------------------------------------------------------------------------------
+
+  // Fields for the terms of a formula, checked by the server while they are typed; calls `judged` with whether all are good.
+  function formula(box, judged) {
+    const rows = element(box, "div"), goods = [];
+    const told = () => judged(goods.length > 0 && goods.every(g => g.good));
+    const add = () => {
+      const row = element(rows, "div", { class: "term" }), k = goods.length + 1;
+      const at = element(row, "select", { "aria-label": `place of term ${k}` });
+      const law = element(row, "input", { type: "text", spellcheck: "false", autocomplete: "off", placeholder: "-tanh(50*qd1)", "aria-label": `law of term ${k}` });
+      const verdict = element(row, "div", { class: "verdict small", role: "status" });
+      const own = { at, law, good: false };
+      goods.push(own);
+      let asked = 0;
+      const check = async () => {
+        const turn = ++asked;
+        let answer;
+        try { answer = await ask(`/api/formula?at=${encodeURIComponent(at.value)}&law=${encodeURIComponent(law.value)}`); } catch (error) { answer = { problem: error.message, from: 0, to: 0, known: { places: [], variables: [] } }; }
+        if (turn !== asked) return;
+        if (!at.options.length) { for (const place of answer.known.places) element(at, "option", { value: place }, place); if (law.value || at.value) return check(); }
+        own.good = answer.unit !== undefined;
+        verdict.replaceChildren();
+        law.setAttribute("aria-invalid", law.value !== "" && !own.good);
+        if (own.good) element(verdict, "span", {}, `coefficient in ${answer.unit}`);
+        else if (law.value) {
+          // The text with the place of the fault marked.
+          const text = element(verdict, "code");
+          text.append(law.value.slice(0, answer.from));
+          element(text, "mark", {}, law.value.slice(answer.from, Math.max(answer.to, answer.from + 1)) || "␣");
+          text.append(law.value.slice(Math.max(answer.to, answer.from + 1)));
+          verdict.append(` ${answer.problem}`);
+        } else verdict.textContent = `of ${answer.known.variables.join(" ")} t, with sin cos tan tanh exp abs sign sqrt min max pi`;
+        told();
+      };
+      law.oninput = check;
+      at.onchange = check;
+      check();
+    };
+    const more = element(element(box, "p"), "button", { type: "button", class: "file" }, "another term");
+    more.onclick = add;
+    const laws = () => goods.filter(g => g.law.value).map(g => `${g.at.value}: ${g.law.value}`);
+    laws.show = on => { box.hidden = !on; if (on && !goods.length) add(); if (on) told(); else judged(true); };
+    return laws;
+  }
 
   // ---- columns of a recording ----------------------------------------------------------------------------------------
 
@@ -406,10 +455,31 @@
   for (const type of ["dragover", "drop"]) addEventListener(type, e => {
     e.preventDefault();
     document.querySelector(".drop")?.classList.toggle("over", type === "dragover");
-    if (type === "drop" && e.dataTransfer.files.length) { if (step !== "data") go("data"); upload([...e.dataTransfer.files]); }
+    if (type === "drop" && e.dataTransfer.files.length) {
+      if (step !== "data") go("data");
+      const entries = [...e.dataTransfer.items].map(item => item.webkitGetAsEntry?.()).filter(entry => entry);
+      if (entries.some(entry => entry.isDirectory)) inFolders(entries).then(upload, error => say(String(error)));
+      else upload([...e.dataTransfer.files]);
+    }
   });
+
+  // The files of dropped folders, such as a bag's: its parts are recordings of their own, what describes them is not needed.
+  async function inFolders(entries) {
+    const files = [];
+    for (const entry of entries) {
+      if (entry.isDirectory) {
+        const reader = entry.createReader();
+        for (;;) {
+          const some = await new Promise((done, failed) => reader.readEntries(done, failed));
+          if (!some.length) break;
+          files.push(...await inFolders(some));
+        }
+      } else files.push(await new Promise((done, failed) => entry.file(done, failed)));
+    }
+    return files.filter(file => !/^metadata\.yaml$/.test(file.name));
+  }
 
   $("cancel").onclick = () => act({ do: "cancel" });
   $("undo").onclick = () => act({ do: "undo" });
-  poll();
+  listen();
 })();

@@ -1,9 +1,11 @@
 //! The server: who may ask, what is answered.
 
-use std::io::Read;
+use std::io::{Read, Write};
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Component, Path};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use deltatwin_report::html;
 use miette::miette;
@@ -17,6 +19,12 @@ use crate::view;
 const THREADS: usize = 4;
 /// Largest size of a request that is no file, bytes.
 const LARGEST: u64 = 1 << 20;
+
+/// Number of windows, and of work in the background, that are served at the same time.
+const MOST_WINDOWS: usize = 32;
+/// Time between looks at the state, and after which a window is told that the server lives.
+const LOOK: Duration = Duration::from_millis(60);
+const ALIVE: Duration = Duration::from_secs(5);
 
 const PAGE: &str = include_str!("../assets/studio.html");
 const SCRIPT: &str = include_str!("../assets/studio.js");
@@ -32,6 +40,7 @@ pub struct Server {
     studio: Arc<Studio>,
     token: String,
     address: SocketAddr,
+    stopped: Arc<AtomicBool>,
 }
 
 type Answer = Response<Box<dyn Read + Send>>;
@@ -46,7 +55,7 @@ pub fn serve(studio: Studio, port: u16) -> miette::Result<Server> {
     let mut bytes = [0; 16];
     getrandom::fill(&mut bytes).map_err(|e| miette!("no random number: {e}"))?;
     let token = bytes.iter().map(|b| format!("{b:02x}")).collect();
-    Ok(Server { http: Arc::new(http), studio: Arc::new(studio), token, address })
+    Ok(Server { http: Arc::new(http), studio: Arc::new(studio), token, address, stopped: Arc::default() })
 }
 
 impl Server {
@@ -70,10 +79,14 @@ impl Server {
 
     /// Ends [`Self::run`] once the requests that came are answered.
     pub fn stop(&self) {
+        self.stopped.store(true, Ordering::Relaxed);
         (0..THREADS).for_each(|_| self.http.unblock());
     }
 
     fn answer(&self, mut request: Request) {
+        if request.url().starts_with("/api/events?") && self.may_listen(&request) {
+            return self.listen(request);
+        }
         let answer = self.route(&mut request);
         // A window that has gone needs no answer.
         let _ = request.respond(answer);
@@ -82,9 +95,7 @@ impl Server {
     fn route(&self, request: &mut Request) -> Answer {
         let url = request.url().to_string();
         let (path, query) = url.split_once('?').unwrap_or((&url, ""));
-        let hosts = [format!("127.0.0.1:{}", self.address.port()), format!("localhost:{}", self.address.port())];
-        // A name that another page has made to point here is not answered.
-        if !header(request, "host").is_some_and(|h| hosts.contains(&h)) {
+        if !self.is_local(request) {
             return refusal(403, "expected the address 127.0.0.1");
         }
         match (request.method(), path) {
@@ -98,6 +109,9 @@ impl Server {
             }
             (Method::Get, "/") => text(PAGE, "text/html"),
             (Method::Get, "/api/state") => answer(Ok(view::state(&self.studio))),
+            (Method::Get, "/api/formula") => {
+                answer(Ok(view::formula(&self.studio, &parameter(query, "at"), &parameter(query, "law"))))
+            }
             (Method::Get, "/api/columns") => answer(view::columns(&self.studio, number(query, "recording"))),
             (Method::Get, "/api/difference") => answer(view::difference(&self.studio, number(query, "version"))),
             (Method::Get, "/api/stage") => self.stage(&parameter(query, "name")),
@@ -106,6 +120,28 @@ impl Server {
             (Method::Post, "/api/file") => answer(self.upload(request, &parameter(query, "name"))),
             _ => refusal(404, "there is nothing here"),
         }
+    }
+
+    /// Whether a request for events comes from this machine with the token, and there is room for one more.
+    fn may_listen(&self, request: &Request) -> bool {
+        let query = request.url().split_once('?').map_or("", |(_, query)| query);
+        self.is_local(request) && self.knows_token(request, query) && Arc::strong_count(&self.studio) < MOST_WINDOWS
+    }
+
+    /// Sends the state to a window whenever it has changed, on a thread of its own, until the window goes or the server
+    /// stops.
+    fn listen(&self, request: Request) {
+        let (studio, stopped) = (self.studio.clone(), self.stopped.clone());
+        std::thread::spawn(move || {
+            // The window's going ends it.
+            let _ = events(request.into_writer(), &studio, &stopped);
+        });
+    }
+
+    /// Whether the request names this machine: a name that another page has made to point here is not answered.
+    fn is_local(&self, request: &Request) -> bool {
+        let hosts = [format!("127.0.0.1:{}", self.address.port()), format!("localhost:{}", self.address.port())];
+        header(request, "host").is_some_and(|h| hosts.contains(&h))
     }
 
     fn knows_token(&self, request: &Request, query: &str) -> bool {
@@ -162,6 +198,31 @@ impl Server {
             _ => refusal(404, "there is no such file"),
         }
     }
+}
+
+/// Writes the state as an event whenever it has changed.
+fn events(mut out: Box<dyn Write + Send>, studio: &Studio, stopped: &AtomicBool) -> std::io::Result<()> {
+    write!(
+        out,
+        "HTTP/1.1 200 OK\r\nContent-Type: text/event-stream; charset=utf-8\r\nCache-Control: no-store\r\n\
+         X-Content-Type-Options: nosniff\r\nConnection: close\r\n\r\n"
+    )?;
+    let (mut sent, mut at) = (String::new(), Instant::now());
+    while !stopped.load(Ordering::Relaxed) {
+        // JSON has no line breaks, which would end the event.
+        let state = view::state(studio).to_string();
+        if state != sent {
+            write!(out, "data: {state}\n\n")?;
+            out.flush()?;
+            (sent, at) = (state, Instant::now());
+        } else if at.elapsed() > ALIVE {
+            write!(out, ": alive\n\n")?;
+            out.flush()?;
+            at = Instant::now();
+        }
+        std::thread::sleep(LOOK);
+    }
+    Ok(())
 }
 
 /// Value of a query's parameter, decoded; empty if it has none.

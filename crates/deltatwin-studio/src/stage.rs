@@ -10,7 +10,7 @@ use deltatwin::machine::Configuration;
 use deltatwin::model::{Model, Provenance};
 use deltatwin::text::significant;
 use deltatwin_analysis::gate::{Examined, line as finding_line};
-use deltatwin_analysis::{add as added, compare as compared, diagnose as diagnosed, gate, page, run};
+use deltatwin_analysis::{add as added, compare as compared, diagnose as diagnosed, gate, law, page, run};
 use deltatwin_io::file::replace_text;
 use deltatwin_io::model;
 use deltatwin_io::scenario::write_experiment;
@@ -303,13 +303,20 @@ pub(crate) fn diagnose(task: &Task, job: &Job) -> miette::Result<Outcome> {
 /// Name of the scenario of the next experiment.
 const NEXT: &str = "next.toml";
 
-/// The effect added to the model in use, as a new version, and where that fails.
-pub(crate) fn add(task: &Task, job: &Job, effect: &str) -> miette::Result<Outcome> {
+/// The effect added to the model in use, as a new version, and where that fails; a formula has the terms `laws`.
+pub(crate) fn add(task: &Task, job: &Job, effect: &str, laws: &[String]) -> miette::Result<Outcome> {
     job.at(0.1, effect);
-    let a = diagnosis::add(&task.model, effect, &task.data.datasets, &task.data.held_out).into_diagnostic()?;
+    let typed = match laws {
+        [] => Vec::new(),
+        terms => vec![law::formula(task.model.mechanism, terms).into_diagnostic()?],
+    };
+    let options = Options { candidates: &typed, ..Options::default() };
+    let a = diagnosis::add_with(&task.model, effect, &task.data.datasets, &task.data.held_out, &options)
+        .into_diagnostic()?;
     stop(job)?;
     let errors = task.errors(a.budget.rms_after().to_vec(), a.budget.noise_floor.clone());
-    let command = |file: &str| task.command("add", &[effect], &["-o", file]);
+    let terms: Vec<&str> = laws.iter().flat_map(|term| ["--law", term]).collect();
+    let command = |file: &str| task.command("add", &[effect], &[&terms[..], &["-o", file]].concat());
     let version = task.next(format!("+ {effect}"), effect, &command, errors);
     let mut report = Report::new("", "");
     let estimates = [("refitted", &a.parameters_before[..]), ("effect added", &a.fit.parameters[..])];

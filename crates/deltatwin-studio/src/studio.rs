@@ -187,7 +187,8 @@ impl Studio {
             "why" => self.checked()?.start("why", stage::diagnose),
             "add" => {
                 let effect = text("effect").to_string();
-                self.checked()?.start("add", move |task, job| stage::add(task, job, &effect))
+                let laws: Vec<String> = serde_json::from_value(request["laws"].clone()).unwrap_or_default();
+                self.checked()?.start("add", move |task, job| stage::add(task, job, &effect, &laws))
             }
             "save" => {
                 let session = self.lock().session.clone();

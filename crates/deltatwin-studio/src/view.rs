@@ -4,8 +4,10 @@ use std::path::Path;
 
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::REGISTRY;
+use deltatwin::effects::formula::{Place, Variable};
 use deltatwin::machine::Setup;
 use deltatwin::model::Model;
+use deltatwin_analysis::law;
 use deltatwin_io::recording::{Mapping, Preview, Reading, preview};
 use deltatwin_io::{model, recording};
 use deltatwin_report::{Callout, Report};
@@ -95,6 +97,26 @@ fn channels(recording: &deltatwin::recording::Recording) -> Value {
     let angles = axes.clone().map(|i| column(format!("q{}", i + 1), stretch(&|k| s.q[k][i])));
     let torques = axes.map(|i| column(format!("tau{}", i + 1), stretch(&|k| s.tau[k][i])));
     angles.chain(torques).collect()
+}
+
+/// What is to be said about a typed law: the unit of its coefficient, or what is wrong and where (characters from, to).
+pub(crate) fn formula(studio: &Studio, at: &str, law: &str) -> Value {
+    let session = studio.lock().session.clone();
+    let model = session.current.and_then(|k| model::read(&studio.folder().join(&session.versions[k].file)).ok());
+    let machine = model.map(|m| m.mechanism).unwrap_or_default();
+    let places: Vec<&str> = Place::on(machine).map(Place::name).collect();
+    let variables: Vec<&str> =
+        Variable::names().filter(|name| Variable::named(name).is_some_and(|v| v.exists_on(machine))).collect();
+    let known = json!({"places": places, "variables": variables});
+    let mut answer = match law::checked(machine, at, law) {
+        Ok((_, _, unit)) => json!({"unit": unit.to_string()}),
+        Err(e) => {
+            let characters = |byte: usize| law.get(..byte).unwrap_or(law).encode_utf16().count();
+            json!({"problem": e.problem, "from": characters(e.at.start), "to": characters(e.at.end)})
+        }
+    };
+    answer["known"] = known;
+    answer
 }
 
 /// Parameters and effects in which a version differs from the one that it was made from.

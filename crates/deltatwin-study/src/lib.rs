@@ -3,6 +3,9 @@
 // Chunks of runs, their parts on the disk, and the table made of them.
 pub mod campaign;
 
+// Recordings as the same kind of table.
+pub mod recording;
+
 // Factors and the points at which they are set.
 pub mod design;
 

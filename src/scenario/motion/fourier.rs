@@ -174,7 +174,10 @@ impl FourierMotion {
         for k in 0..GRID {
             let platform = self.at(k as f64 / GRID as f64 / self.frequency);
             let Ok(joints) = plant.geometry.inverse_motion(&platform) else { return Fit::Platform };
-            if plant.geometry.check_limits(&joints.q, &platform.position).is_err() {
+            let bent = plant.stops.hooke_stiffness > 0.0
+                && plant.geometry.has_telescope()
+                && plant.geometry.telescope_tilt(&platform.position) > plant.stops.hooke;
+            if bent || plant.geometry.check_limits(&joints.q, &platform.position).is_err() {
                 return Fit::Platform;
             }
             let Ok(motion) = plant.motion(&joints) else { return Fit::Platform };

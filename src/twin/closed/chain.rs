@@ -4,8 +4,9 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::super::wrench::{STILL, Twist};
 use super::Mechanism;
+use super::blocks::cross_columns;
 use super::equations::Loads;
-use crate::dynamics::{Plant, inertial_wrench};
+use crate::dynamics::{Plant, accelerated_wrench};
 use crate::kinematics::{BodyMotion, HookeJoint, Motion, Telescope};
 use crate::machine::Geometry;
 use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
@@ -44,14 +45,25 @@ impl Chain {
     }
 
     /// Mass of both telescope parts in (v_h, Ω), from ½ m v_h² + ω_T·(h × v_h) + ½ ω_T·Θ ω_T.
-    pub fn telescope_mass(&self, plant: &Plant, motion: &Motion) -> (Matrix3<f64>, Vector3<f64>, f64) {
-        let (upper, lower) = (&plant.bodies[TELESCOPE_UPPER], &plant.bodies[TELESCOPE_LOWER]);
+    ///
+    /// `tensor` is that of both parts, in the frame of the telescope.
+    pub fn telescope_mass(
+        &self,
+        plant: &Plant,
+        tensor: &Matrix3<f64>,
+        motion: &Motion,
+    ) -> (Matrix3<f64>, Vector3<f64>, f64) {
+        let lower = &plant.bodies[TELESCOPE_LOWER];
         let rotation = &motion.bodies[TELESCOPE_UPPER].rotation;
-        let theta = rotation * (upper.tensor + lower.tensor) * rotation.transpose();
+        let theta = super::blocks::turned(tensor, rotation);
         let h = rotation * lower.first_moment;
         let turned = theta * self.a;
-        let cross = self.a.tr_mul(&h.cross_matrix());
-        let vv = Matrix3::from_diagonal_element(lower.mass) + self.a.tr_mul(&turned) + cross + cross.transpose();
+        // (Aᵀ h×)ᵀ = −h× A
+        let cross = cross_columns(&h, &self.a);
+        let mut vv = self.a.tr_mul(&turned) - cross - cross.transpose();
+        for k in 0..3 {
+            vv[(k, k)] += lower.mass;
+        }
         (vv, self.b.cross(&h) + turned.tr_mul(&self.b), self.b.dot(&(theta * self.b)))
     }
 
@@ -93,20 +105,19 @@ impl Chain {
     pub fn bias_force(&self, loads: &Loads, bias: &ChainBias, loaded: bool) -> ChainForce {
         let Loads { plant, frame, wrenches, gravity, .. } = loads;
         let motion = &frame.motion;
-        let net = |body: usize, acceleration: Twist| -> Twist {
-            let mut m = motion.bodies[body];
-            (m.acceleration, m.angular_acceleration) = acceleration;
-            let (force, moment) = inertial_wrench(&plant.bodies[body], &m, gravity);
+        let net = |body: usize, linear: &Vector3<f64>, angular: &Vector3<f64>| -> Twist {
+            let (force, moment) =
+                accelerated_wrench(&plant.bodies[body], &motion.bodies[body], (linear, angular), gravity);
             (wrenches[body].0 - force, wrenches[body].1 - moment)
         };
-        let upper = net(TELESCOPE_UPPER, (Vector3::zeros(), bias.telescope));
-        let lower = net(TELESCOPE_LOWER, (bias.hooke, bias.telescope));
+        let upper = net(TELESCOPE_UPPER, &Vector3::zeros(), &bias.telescope);
+        let lower = net(TELESCOPE_LOWER, &bias.hooke, &bias.telescope);
         let turning = upper.1 + lower.1;
         let hooke = lower.0 + self.a.tr_mul(&turning);
         let mut out = ChainForce { force: hooke, moment: self.hooke.cross(&hooke), rotor: self.b.dot(&turning) };
         // Wrenches of effects and contacts act on a massless end effector as well.
         if loaded || wrenches[END_EFFECTOR] != STILL {
-            let (f, n) = net(END_EFFECTOR, bias.end_effector);
+            let (f, n) = net(END_EFFECTOR, &bias.end_effector.0, &bias.end_effector.1);
             let flange = motion.bodies[END_EFFECTOR].position - motion.bodies[PLATFORM].position;
             let about = self.pivot.dot(&n);
             let (cv, cw, cr) = self.relative();

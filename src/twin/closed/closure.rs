@@ -3,12 +3,13 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::super::SingularPose;
-use super::super::rod::platform_ball;
+use super::blocks::Paired;
 use super::pairs::Pairs;
-use super::{Mechanism, OpenVector, PLATFORM_V, Pose, Vector6, join};
-use crate::kinematics::Motion;
+use super::{Mechanism, OpenVector, PLATFORM_V, Pose};
+use crate::kinematics::{Arm, Motion};
 use crate::machine::bodies::{PLATFORM, STRUT};
 use crate::machine::{ARMS, Geometry, STRUTS};
+use crate::numerics::sin_cos;
 
 /// Change of strut length below which the loops count as closed, m.
 const CLOSURE_TOLERANCE: f64 = 1e-14;
@@ -24,46 +25,41 @@ impl Mechanism {
         }
         let g = &self.geometry;
         let mut orientation = UnitQuaternion::new_normalize(pose.orientation);
-        let mut rows = [Vector6::zeros(); STRUTS];
+        let mut rows = [Paired::ZERO; STRUTS];
         let mut elbows = [Vector3::zeros(); ARMS];
         let mut elbow_jacobian = [Vector3::zeros(); ARMS];
         for i in 0..ARMS {
-            let (s, c) = pose.phi[i].sin_cos();
-            let u = Geometry::radial(i);
-            elbows[i] = u * (g.base_radius + g.arm_length * c) - Vector3::z() * (g.arm_length * s);
-            elbow_jacobian[i] = Vector3::new(s * u.x, s * u.y, c) * -g.arm_length;
+            let arm = Arm::by(g, i, pose.phi[i], sin_cos);
+            (elbows[i], elbow_jacobian[i]) = (arm.elbow, arm.slope);
         }
         let (mut closed, mut corrections) = (false, 0);
         for _ in 0..MAX_CLOSURE_ITERATIONS {
             let rotation = orientation.to_rotation_matrix().into_inner();
-            let mut gaps = Vector6::zeros();
+            let mut gaps = [0f64; STRUTS];
             for s in 0..STRUTS {
-                let ball = rotation * platform_ball(g, s);
+                let ball = rotation * self.balls[s];
                 let span = pose.position + ball - elbows[s / 2] - Geometry::tangential(s / 2) * g.pair_offset(s);
                 let length = span.norm();
                 let u = span / length;
                 gaps[s] = length - self.rods[s].length;
-                rows[s] = join(&u, &ball.cross(&u));
+                rows[s] = Paired::new(u, ball.cross(&u));
             }
-            closed = gaps.amax() < CLOSURE_TOLERANCE;
+            closed = gaps.iter().all(|gap| gap.abs() < CLOSURE_TOLERANCE);
             if closed {
                 break;
             }
             corrections += 1;
-            let correction = Pairs::new(&rows)?.solve(&-gaps);
-            pose.position += correction.fixed_rows::<3>(0);
-            orientation = UnitQuaternion::from_scaled_axis(correction.fixed_rows::<3>(3).into_owned()) * orientation;
+            let Paired { v: shift, w: turn } = Pairs::new(&rows)?.solve(&gaps.map(|gap| -gap));
+            pose.position += shift;
+            orientation = UnitQuaternion::from_scaled_axis(turn) * orientation;
         }
         if !closed {
             return Err(SingularPose);
         }
         pose.orientation = *orientation;
-        let rates = Vector6::from_fn(|s, _| {
-            let u = rows[s].fixed_rows::<3>(0);
-            u.dot(&elbow_jacobian[s / 2]) * nu[s / 2]
-        });
+        let rates = std::array::from_fn(|s| rows[s].v.dot(&elbow_jacobian[s / 2]) * nu[s / 2]);
         let twist = Pairs::new(&rows)?.solve(&rates);
-        nu.fixed_rows_mut::<6>(PLATFORM_V).copy_from(&twist);
+        nu.fixed_rows_mut::<6>(PLATFORM_V).copy_from(&twist.to_vector());
         Ok(corrections)
     }
 

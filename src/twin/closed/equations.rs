@@ -1,15 +1,16 @@
 //! Equations of motion of the open mechanism, and their solution with rigid and with elastic struts.
 
-use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
+use nalgebra::{Matrix3, Matrix4, Vector3, Vector4, Vector6};
 
 use super::super::SingularPose;
 use super::super::wrench::Twist;
+use super::blocks::{Paired, Symmetric, cross_columns, outer, symmetric_outer, turned};
 use super::pairs::Pairs;
-use super::{Frame, Matrix6, Mechanism, OpenVector, Vector6, add, join};
+use super::{Frame, Mechanism, OpenVector};
 use crate::dynamics::Plant;
 use crate::effects::StrutSpring;
-use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT};
-use crate::machine::{ARMS, AXES, Geometry, STRUTS};
+use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT};
+use crate::machine::{ARMS, AXES, Joint, STRUTS};
 
 /// Implicit terms of a Rosenbrock step, added to the equations.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -29,7 +30,7 @@ pub(in crate::twin) struct Implicit {
 }
 
 /// Loads at one configuration and velocity.
-pub(super) struct Loads<'a> {
+pub(in crate::twin) struct Loads<'a> {
     pub plant: &'a Plant,
     pub frame: &'a Frame,
     /// Wrenches on all bodies about their origins, inertial axes.
@@ -49,49 +50,44 @@ pub(super) struct Ends {
 
 /// Blocks of M̂ ν̇ + Bᵀ T = f̂ and B ν̇ = c; each drive is coupled with the platform only.
 pub(super) struct Equations {
-    /// Mass matrix of the platform twist.
-    platform: Matrix6,
-    platform_force: Vector6,
-    rotor: f64,
-    rotor_coupling: Vector6,
+    mass: PlatformMass,
+    platform_force: Paired,
     rotor_force: f64,
     /// Inertia of the arm drives, kg·m².
     drive: [f64; ARMS],
-    drive_coupling: [Vector6; ARMS],
+    drive_coupling: [Paired; ARMS],
     drive_force: [f64; ARMS],
     /// Rows of B for the platform twist; the entry of the strut's arm follows.
-    rows: [Vector6; STRUTS],
+    rows: [Paired; STRUTS],
     row_drive: [f64; STRUTS],
     /// c: negative rates of change of the struts' length rates at ν̇ = 0.
-    target: Vector6,
+    target: [f64; STRUTS],
     pub ends: [Ends; STRUTS],
 }
 
-/// Mass matrix of the platform side: blocks of v and ω, the rotor and its coupling with them.
+/// Mass matrix of the platform side: the platform twist, the rotor and its coupling with it.
 struct PlatformMass {
-    vv: Matrix3<f64>,
-    vw: Matrix3<f64>,
-    ww: Matrix3<f64>,
+    twist: Symmetric,
     rotor: f64,
-    rotor_v: Vector3<f64>,
-    rotor_w: Vector3<f64>,
+    rotor_coupling: Paired,
 }
 
 impl PlatformMass {
-    /// Contribution of the platform with the rods' masses at its balls, the telescope and the rotor.
-    fn new(loads: &Loads, first: &Vector3<f64>, tensor: &Matrix3<f64>, mass: f64) -> Self {
+    /// Contribution of the platform with the rods' masses at its balls, the telescope and the rotor; `first` and
+    /// `tensor` are those of the laden platform in inertial axes.
+    fn new(mechanism: &Mechanism, loads: &Loads, first: &Vector3<f64>, tensor: &Matrix3<f64>) -> Self {
         let chain = &loads.frame.jacobians.chain;
-        let mut vv = Matrix3::from_diagonal_element(mass);
-        let mut vw = -first.cross_matrix();
-        let mut ww = *tensor;
-        let (hvv, hvr, hrr) = chain.telescope_mass(loads.plant, &loads.frame.motion);
-        let r = chain.hooke.cross_matrix();
-        vv += hvv;
-        let hr = hvv * r;
-        vw -= hr;
-        ww -= r * hr;
+        let (hvv, hvr, hrr) = chain.telescope_mass(loads.plant, &mechanism.telescope, &loads.frame.motion);
+        let r = &chain.hooke;
+        // hvv is symmetric: (hvv r×)ᵀ = −r× hvv.
+        let hr = cross_columns(r, &hvv).transpose();
+        let mut vv = hvv;
+        for k in 0..3 {
+            vv[(k, k)] += mechanism.laden_platform.mass;
+        }
+        let twist = Symmetric { vv, vw: hr - first.cross_matrix(), ww: tensor + cross_columns(r, &hr) };
         let rotor = loads.plant.bodies[ROTOR].tensor[(2, 2)] + hrr + loads.implicit.drives[3];
-        Self { vv, vw, ww, rotor, rotor_v: hvr, rotor_w: chain.hooke.cross(&hvr) }
+        Self { twist, rotor, rotor_coupling: Paired::new(hvr, r.cross(&hvr)) }
     }
 
     /// Adds the end effector, which rotates by κ about the platform's normal.
@@ -100,34 +96,28 @@ impl PlatformMass {
         let ee = &loads.frame.motion.bodies[END_EFFECTOR];
         let inertia = &loads.plant.bodies[END_EFFECTOR];
         let h = ee.rotation * inertia.first_moment;
-        let theta = ee.rotation * inertia.tensor * ee.rotation.transpose();
+        let theta = turned(&inertia.tensor, &ee.rotation);
         let r = chain.pivot * flange_height;
-        let moment = r * inertia.mass + h;
-        self.vv += Matrix3::from_diagonal_element(inertia.mass);
-        self.vw -= moment.cross_matrix();
-        let (rx, hx) = (r.cross_matrix(), h.cross_matrix());
-        self.ww += theta - hx * rx - rx * hx - rx * rx * inertia.mass;
+        // −h× r× − r× h× − m r× r× = 2 (r·s) − r sᵀ − s rᵀ with s = h + ½ m r.
+        let s = h + r * (0.5 * inertia.mass);
+        let twice = 2.0 * r.dot(&s);
         // κ: momentum about the pivot per unit of (v, ω), and its own inertia.
         let (cv, cw, cr) = chain.relative();
         let gv = chain.pivot.cross(&h);
         let tz = theta * chain.pivot;
         let gw = tz + r.cross(&gv);
         let own = chain.pivot.dot(&tz);
-        self.vv += cv * gv.transpose() + gv * cv.transpose() + cv * cv.transpose() * own;
-        self.vw += cv * gw.transpose() + gv * cw.transpose() + cv * cw.transpose() * own;
-        self.ww += cw * gw.transpose() + gw * cw.transpose() + cw * cw.transpose() * own;
+        let (half_v, half_w) = (gv + cv * (0.5 * own), gw + cw * (0.5 * own));
+        let Symmetric { vv, vw, ww } = &mut self.twist;
+        *vv += symmetric_outer(&cv, &half_v);
+        *vw += outer(&cv, &(gw + cw * own)) + outer(&gv, &cw) - (r * inertia.mass + h).cross_matrix();
+        *ww += theta + symmetric_outer(&cw, &half_w) - symmetric_outer(&r, &s);
+        for k in 0..3 {
+            vv[(k, k)] += inertia.mass;
+            ww[(k, k)] += twice;
+        }
         self.rotor += own * cr * cr;
-        self.rotor_v += (gv + cv * own) * cr;
-        self.rotor_w += (gw + cw * own) * cr;
-    }
-
-    fn matrix(&self) -> Matrix6 {
-        let mut mass = Matrix6::zeros();
-        mass.fixed_view_mut::<3, 3>(0, 0).copy_from(&self.vv);
-        mass.fixed_view_mut::<3, 3>(0, 3).copy_from(&self.vw);
-        mass.fixed_view_mut::<3, 3>(3, 0).copy_from(&self.vw.transpose());
-        mass.fixed_view_mut::<3, 3>(3, 3).copy_from(&self.ww);
-        mass
+        self.rotor_coupling += Paired::new(gv + cv * own, gw + cw * own) * cr;
     }
 }
 
@@ -139,8 +129,8 @@ impl Equations {
         let platform = &motion.bodies[PLATFORM];
         let laden = &mechanism.laden_platform;
         let first = platform.rotation * laden.first_moment;
-        let tensor = platform.rotation * laden.tensor * platform.rotation.transpose();
-        let mut mass = PlatformMass::new(loads, &first, &tensor, laden.mass);
+        let tensor = turned(&laden.tensor, &platform.rotation);
+        let mut mass = PlatformMass::new(mechanism, loads, &first, &tensor);
         if mechanism.loaded {
             mass.add_end_effector(loads, mechanism.geometry.flange_height);
         }
@@ -152,20 +142,17 @@ impl Equations {
         force += gravity * weight.mass;
         moment += (platform.rotation * weight.first_moment).cross(gravity);
         let chain = jacobians.chain.bias_force(loads, &jacobians.bias, mechanism.loaded);
-        force += chain.force;
-        moment += chain.moment;
+        let rotor_force = chain.rotor + wrenches[ROTOR].1.z + loads.tau[3] + loads.implicit.drive_torque[3];
         Self {
-            platform: mass.matrix(),
-            platform_force: join(&force, &moment),
-            rotor: mass.rotor,
-            rotor_coupling: join(&mass.rotor_v, &mass.rotor_w),
-            rotor_force: chain.rotor + wrenches[ROTOR].1.z + loads.tau[3] + loads.implicit.drive_torque[3],
+            mass,
+            platform_force: Paired::new(force + chain.force, moment + chain.moment),
+            rotor_force,
             drive: [0.0; ARMS],
-            drive_coupling: [Vector6::zeros(); ARMS],
+            drive_coupling: [Paired::ZERO; ARMS],
             drive_force: [0.0; ARMS],
-            rows: [Vector6::zeros(); STRUTS],
+            rows: [Paired::ZERO; STRUTS],
             row_drive: [0.0; STRUTS],
-            target: Vector6::zeros(),
+            target: [0.0; STRUTS],
             ends: [Ends::default(); STRUTS],
         }
     }
@@ -174,33 +161,36 @@ impl Equations {
     pub fn add_arms(&mut self, loads: &Loads) {
         let Loads { plant, frame, wrenches, tau, implicit, gravity } = loads;
         for i in 0..ARMS {
-            let (arm, v) = (&frame.motion.bodies[ARM + i], Geometry::tangential(i));
-            let inertia = &plant.bodies[ARM + i];
-            self.drive[i] = inertia.tensor[(1, 1)] + implicit.drives[i];
-            let h = arm.rotation * inertia.first_moment;
+            let (body, screw) = frame.motion.drive(i);
+            let (rotation, inertia) = (&frame.motion.bodies[body].rotation, &plant.bodies[body]);
+            let own = match frame.motion.arms {
+                Joint::Revolute => inertia.tensor[(1, 1)],
+                Joint::Prismatic => inertia.mass,
+            };
+            self.drive[i] = own + implicit.drives[i];
+            let weight = (gravity * inertia.mass, (rotation * inertia.first_moment).cross(gravity));
             self.drive_force[i] =
-                wrenches[ARM + i].1.dot(&v) + h.cross(gravity).dot(&v) + tau[i] + implicit.drive_torque[i];
+                screw.effort(&wrenches[body]) + screw.effort(&weight) + tau[i] + implicit.drive_torque[i];
         }
     }
 
     /// Adds masses and end forces of the struts, and their length rows.
     pub fn add_struts(&mut self, mechanism: &Mechanism, loads: &Loads) {
         let Frame { motion, jacobians, length_rate, .. } = loads.frame;
-        let omega = motion.bodies[PLATFORM].angular_velocity;
         for s in 0..STRUTS {
             let (i, rod) = (s / 2, &mechanism.rods[s]);
-            let (u, e, r) = (motion.strut_axis[s], jacobians.elbow[i], jacobians.ball[s]);
+            let (u, e, r) = (&motion.strut_axis[s], &jacobians.elbow[i], &jacobians.ball[s]);
             let ends = mechanism.strut_forces(s, loads);
-            let (bias_a, bias_b) = (jacobians.elbow_bias[i], omega.cross(&omega.cross(&r)));
+            let (bias_a, bias_b) = (&jacobians.elbow_bias[i], &jacobians.ball_bias[s]);
             self.drive[i] += rod.aa * e.norm_squared();
             self.drive_force[i] += e.dot(&(ends.upper - bias_a * rod.aa - bias_b * rod.ab));
-            add(&mut self.drive_coupling[i], &(e * rod.ab), &(r.cross(&e) * rod.ab));
+            self.drive_coupling[i] += Paired::new(*e, r.cross(e)) * rod.ab;
             // m_bb of the rods is contained in the laden platform.
             let lower = ends.lower - bias_a * rod.ab;
-            add(&mut self.platform_force, &lower, &r.cross(&lower));
+            self.platform_force += Paired::new(lower, r.cross(&lower));
             self.ends[s] = ends;
-            self.rows[s] = join(&u, &r.cross(&u));
-            self.row_drive[s] = -u.dot(&e);
+            self.rows[s] = Paired::new(*u, r.cross(u));
+            self.row_drive[s] = -u.dot(e);
             let stretch = &jacobians.stretch[s];
             let along = length_rate[s];
             self.target[s] =
@@ -214,13 +204,14 @@ impl Equations {
         mechanism: &Mechanism,
         springs: &[StrutSpring; STRUTS],
         loads: &Loads,
-    ) -> Result<(OpenVector, Vector6), SingularPose> {
+    ) -> Result<(OpenVector, [f64; STRUTS]), SingularPose> {
         let Loads { frame, implicit, .. } = loads;
-        let (mut mass, mut platform_force) = (self.platform, self.platform_force);
-        let (mut drive, mut drive_force, mut coupling) = (self.drive, self.drive_force, self.drive_coupling);
-        let mut tension = Vector6::zeros();
+        let (mut mass, mut platform_force) = (self.mass.twist.to_matrix(), self.platform_force.to_vector());
+        let (mut drive, mut drive_force) = (self.drive, self.drive_force);
+        let mut coupling = self.drive_coupling.map(Paired::to_vector);
+        let mut tension = [0.0; STRUTS];
         for s in 0..STRUTS {
-            let (i, row, row_drive) = (s / 2, &self.rows[s], self.row_drive[s]);
+            let (i, row, row_drive) = (s / 2, self.rows[s].to_vector(), self.row_drive[s]);
             let stretch = frame.motion.strut_length[s] - mechanism.rods[s].length;
             let law = springs[s].stiffness * stretch + springs[s].damping * frame.length_rate[s];
             let k = implicit.tension[s];
@@ -231,65 +222,63 @@ impl Equations {
             drive_force[i] -= row_drive * tension[s];
             platform_force -= row * tension[s];
         }
-        let mut f = platform_force - self.rotor_coupling * (self.rotor_force / self.rotor);
-        mass -= self.rotor_coupling * self.rotor_coupling.transpose() / self.rotor;
+        let (rotor, rotor_coupling) = (self.mass.rotor, self.mass.rotor_coupling.to_vector());
+        let mut f = platform_force - rotor_coupling * (self.rotor_force / rotor);
+        mass -= rotor_coupling * rotor_coupling.transpose() / rotor;
         for i in 0..ARMS {
             mass -= coupling[i] * coupling[i].transpose() / drive[i];
             f -= coupling[i] * (drive_force[i] / drive[i]);
         }
-        let x = mass.cholesky().ok_or(SingularPose)?.solve(&f);
+        let x: Vector6<f64> = mass.cholesky().ok_or(SingularPose)?.solve(&f);
         let arms: [f64; ARMS] = std::array::from_fn(|i| (drive_force[i] - coupling[i].dot(&x)) / drive[i]);
-        let rotor = (self.rotor_force - self.rotor_coupling.dot(&x)) / self.rotor;
+        let rotor = (self.rotor_force - rotor_coupling.dot(&x)) / rotor;
+        let twist = Paired::new(x.fixed_rows::<3>(0).into_owned(), x.fixed_rows::<3>(3).into_owned());
         for s in 0..STRUTS {
-            tension[s] += implicit.tension[s] * (self.rows[s].dot(&x) + self.row_drive[s] * arms[s / 2]);
+            tension[s] += implicit.tension[s] * (self.rows[s].dot(&twist) + self.row_drive[s] * arms[s / 2]);
         }
-        Ok((open_vector(&arms, rotor, &x), tension))
+        Ok((open_vector(&arms, rotor, &twist), tension))
     }
 
     /// ν̇ and tensions with rigid struts; the platform follows the arms, in the null space of B.
-    pub fn solve_rigid(&self) -> Result<(OpenVector, Vector6), SingularPose> {
-        let (mass, coupling) = (&self.platform, &self.drive_coupling);
+    pub fn solve_rigid(&self) -> Result<(OpenVector, [f64; STRUTS]), SingularPose> {
+        let (mass, coupling) = (&self.mass.twist, &self.drive_coupling);
         let pairs = Pairs::new(&self.rows)?;
         // Platform = offset + Σ follow · φ̈.
         let offset = pairs.solve(&self.target);
-        let mut follow = [Vector6::zeros(); ARMS];
-        for i in 0..ARMS {
-            let mut column = Vector6::zeros();
-            (column[2 * i], column[2 * i + 1]) = (-self.row_drive[2 * i], -self.row_drive[2 * i + 1]);
-            follow[i] = pairs.solve(&column);
-        }
-        let free = self.platform_force - mass * offset;
-        let carried: [Vector6; ARMS] = std::array::from_fn(|i| mass * follow[i] + coupling[i]);
+        let follows = |i: usize| pairs.solve_pair(i, [-self.row_drive[2 * i], -self.row_drive[2 * i + 1]]);
+        let follow = [follows(0), follows(1), follows(2)];
+        let free = self.platform_force - mass.times(&offset);
+        let carries = |i: usize| mass.times(&follow[i]) + coupling[i];
+        let carried = [carries(0), carries(1), carries(2)];
+        let rotor_coupling = &self.mass.rotor_coupling;
         let mut reduced = Matrix4::zeros();
         let mut f = Vector4::zeros();
+        // Lower triangle, which is all that the factorisation reads.
         for i in 0..ARMS {
             for j in 0..=i {
-                let x = follow[i].dot(&carried[j]) + coupling[i].dot(&follow[j]);
-                reduced[(i, j)] = x;
-                reduced[(j, i)] = x;
+                reduced[(i, j)] = follow[i].dot(&carried[j]) + coupling[i].dot(&follow[j]);
             }
             reduced[(i, i)] += self.drive[i];
-            let x = self.rotor_coupling.dot(&follow[i]);
-            reduced[(i, 3)] = x;
-            reduced[(3, i)] = x;
+            reduced[(3, i)] = rotor_coupling.dot(&follow[i]);
             f[i] = self.drive_force[i] - coupling[i].dot(&offset) + follow[i].dot(&free);
         }
-        reduced[(3, 3)] = self.rotor;
-        f[3] = self.rotor_force - self.rotor_coupling.dot(&offset);
+        reduced[(3, 3)] = self.mass.rotor;
+        f[3] = self.rotor_force - rotor_coupling.dot(&offset);
         let x = reduced.cholesky().ok_or(SingularPose)?.solve(&f);
         let twist = offset + follow[0] * x[0] + follow[1] * x[1] + follow[2] * x[2];
-        let left = free - carried[0] * x[0] - carried[1] * x[1] - carried[2] * x[2] - self.rotor_coupling * x[3];
+        let left = free - carried[0] * x[0] - carried[1] * x[1] - carried[2] * x[2] - *rotor_coupling * x[3];
         Ok((open_vector(&[x[0], x[1], x[2]], x[3], &twist), pairs.solve_transposed(&left)))
     }
 }
 
-fn open_vector(arms: &[f64; ARMS], rotor: f64, twist: &Vector6) -> OpenVector {
-    let [a, b, c] = *arms;
-    OpenVector::from_column_slice(&[a, b, c, rotor, twist[0], twist[1], twist[2], twist[3], twist[4], twist[5]])
+fn open_vector(arms: &[f64; ARMS], rotor: f64, twist: &Paired) -> OpenVector {
+    let ([a, b, c], Paired { v, w }) = (*arms, twist);
+    OpenVector::from_column_slice(&[a, b, c, rotor, v.x, v.y, v.z, w.x, w.y, w.z])
 }
 
 impl Mechanism {
     /// Applied forces on a strut, reduced to its upper and lower ball.
+    #[inline]
     fn strut_forces(&self, s: usize, loads: &Loads) -> Ends {
         let (rod, frame, wrench) = (&self.rods[s], loads.frame, &loads.wrenches[STRUT + s]);
         let u = frame.motion.strut_axis[s];

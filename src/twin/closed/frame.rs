@@ -2,13 +2,13 @@
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::super::rod::platform_ball;
 use super::super::wrench::STILL;
 use super::chain::{Chain, ChainBias};
 use super::{Mechanism, OpenVector, Pose, platform_twist};
-use crate::kinematics::{BodyMotion, Motion, Telescope};
+use crate::kinematics::{Arm, BodyMotion, Motion, Telescope};
 use crate::machine::bodies::{ARM, BODIES, PLATFORM, ROTOR, STRUT};
-use crate::machine::{ARMS, AXES, Geometry, STRUTS};
+use crate::machine::{ARMS, AXES, Geometry, Joint, STRUTS};
+use crate::numerics::sin_cos;
 
 /// Linear maps and bias accelerations of one configuration, used by mass matrix and forces.
 pub(super) struct Jacobians {
@@ -18,6 +18,8 @@ pub(super) struct Jacobians {
     pub elbow_bias: [Vector3<f64>; ARMS],
     /// Lower ball relative to the platform's origin, m.
     pub ball: [Vector3<f64>; STRUTS],
+    /// Acceleration of the lower ball at v̇ = 0 and ω̇ = 0, m/s².
+    pub ball_bias: [Vector3<f64>; STRUTS],
     /// Velocity of the lower relative to the upper ball, m/s.
     pub stretch: [Vector3<f64>; STRUTS],
     pub chain: Chain,
@@ -41,6 +43,7 @@ impl Frame {
         let none = Vector3::zeros();
         Self {
             motion: Motion {
+                arms: Joint::Revolute,
                 q: [0.0; AXES],
                 qd: [0.0; AXES],
                 qdd: [0.0; AXES],
@@ -55,6 +58,7 @@ impl Frame {
                 elbow: [none; ARMS],
                 elbow_bias: [none; ARMS],
                 ball: [none; STRUTS],
+                ball_bias: [none; STRUTS],
                 stretch: [none; STRUTS],
                 chain: Chain::zero(),
                 bias: ChainBias { hooke: none, telescope: none, end_effector: STILL },
@@ -75,23 +79,18 @@ impl Mechanism {
     pub fn frame(&self, pose: &Pose, nu: &OpenVector, spin: &[f64; STRUTS], out: &mut Frame) {
         let g = &self.geometry;
         let Frame { motion, roll_rate, length_rate, jacobians } = out;
-        let Motion { q, qd, bodies, strut_axis, strut_length, telescope, .. } = motion;
+        let Motion { arms, q, qd, bodies, strut_axis, strut_length, telescope, .. } = motion;
+        *arms = g.arms.joint();
         *q = [pose.phi[0], pose.phi[1], pose.phi[2], pose.psi];
         *qd = [nu[0], nu[1], nu[2], nu[3]];
         let mut elbows = [Vector3::zeros(); ARMS];
         for i in 0..ARMS {
-            let (s, c) = pose.phi[i].sin_cos();
-            let (u, v) = (Geometry::radial(i), Geometry::tangential(i));
-            let x = Vector3::new(c * u.x, c * u.y, -s);
-            let z = Vector3::new(s * u.x, s * u.y, c);
-            let shaft = u * g.base_radius;
-            let arm = &mut bodies[ARM + i];
-            arm.rotation = Matrix3::from_columns(&[x, v, z]);
-            arm.position = shaft;
-            arm.angular_velocity = v * nu[i];
-            elbows[i] = shaft + x * g.arm_length;
-            jacobians.elbow[i] = z * -g.arm_length;
-            jacobians.elbow_bias[i] = x * (-g.arm_length * nu[i] * nu[i]);
+            let arm = Arm::by(g, i, pose.phi[i], sin_cos);
+            let screw = arm.screw(g, i);
+            bodies[ARM + i].place(arm.rotation(i), arm.origin, screw.linear * nu[i], screw.angular * nu[i]);
+            elbows[i] = arm.elbow;
+            jacobians.elbow[i] = arm.slope;
+            jacobians.elbow_bias[i] = arm.curvature * (nu[i] * nu[i]);
         }
         let velocity = Vector3::new(nu[4], nu[5], nu[6]);
         let omega = Vector3::new(nu[7], nu[8], nu[9]);
@@ -102,12 +101,13 @@ impl Mechanism {
             let i = s / 2;
             let v = Geometry::tangential(i);
             let upper = elbows[i] + v * g.pair_offset(s);
-            let ball = rotation * platform_ball(g, s);
+            let ball = rotation * self.balls[s];
+            let turning = omega.cross(&ball);
             let span = pose.position + ball - upper;
             let length = span.norm();
             let axis = span / length;
             let upper_velocity = jacobians.elbow[i] * nu[i];
-            let stretch = velocity + omega.cross(&ball) - upper_velocity;
+            let stretch = velocity + turning - upper_velocity;
             let along = axis.dot(&stretch);
             let swing = axis.cross(&stretch) / length;
             // Facing frame: y is the projection of the pair direction v normal to the axis.
@@ -116,14 +116,15 @@ impl Mechanism {
             let y = (v - axis * share) / lateral;
             let z = axis.cross(&y);
             let facing_rate = -share / lateral * (stretch - axis * along).dot(&z) / length;
-            let (sin, cos) = pose.roll[s].sin_cos();
+            let (sin, cos) = sin_cos(pose.roll[s]);
             let roll = Matrix3::from_columns(&[axis, y * cos + z * sin, z * cos - y * sin]);
             bodies[STRUT + s].place(roll, upper, upper_velocity, swing + axis * spin[s]);
             (strut_axis[s], strut_length[s]) = (axis, length);
             (jacobians.ball[s], jacobians.stretch[s]) = (ball, stretch);
+            jacobians.ball_bias[s] = omega.cross(&turning);
             (roll_rate[s], length_rate[s]) = (spin[s] - facing_rate, along);
         }
-        let (sin, cos) = pose.psi.sin_cos();
+        let (sin, cos) = sin_cos(pose.psi);
         let turned = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
         bodies[ROTOR].place(turned, g.upper_hooke(), Vector3::zeros(), Vector3::new(0.0, 0.0, nu[3]));
         *telescope = self.place_chain(bodies, &mut jacobians.chain, nu[3]);

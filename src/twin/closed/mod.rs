@@ -12,6 +12,7 @@
 //! The platform part of B is square. With rigid struts the platform follows the arms (null space of B), with elastic
 //! struts T is given by a force law.
 
+mod blocks;
 mod chain;
 mod closure;
 mod energy;
@@ -20,10 +21,10 @@ mod frame;
 mod pairs;
 mod recovery;
 
-use nalgebra::{Quaternion, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, Quaternion, SVector, Vector3};
 
-pub(super) use equations::Implicit;
-use equations::{Equations, Loads};
+use equations::Equations;
+pub(super) use equations::{Implicit, Loads};
 pub(super) use frame::Frame;
 
 use super::SingularPose;
@@ -34,8 +35,8 @@ use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, StrutSpring};
 use crate::kinematics::Reactions;
 use crate::kinematics::motion::SOCKETS;
-use crate::machine::bodies::{BODIES, END_EFFECTOR, Inertia, PLATFORM};
-use crate::machine::{ARMS, AXES, Geometry, STRUTS};
+use crate::machine::bodies::{END_EFFECTOR, Inertia, PLATFORM, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{ARMS, Geometry, STRUTS};
 
 /// Open velocities ν.
 pub(super) const OPEN: usize = 10;
@@ -43,8 +44,6 @@ pub(super) const OPEN: usize = 10;
 pub(super) const PLATFORM_V: usize = 4;
 
 pub(super) type OpenVector = SVector<f64, OPEN>;
-type Vector6 = SVector<f64, 6>;
-type Matrix6 = SMatrix<f64, 6, 6>;
 
 /// Configuration of the opened mechanism.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,6 +64,10 @@ pub(super) struct Pose {
 pub(super) struct Mechanism {
     geometry: Geometry,
     rods: [Rod; STRUTS],
+    /// Lower balls in the platform's frame, m.
+    balls: [Vector3<f64>; STRUTS],
+    /// Both parts of the telescope about their Hooke joints, in the frame of the telescope, kg·m².
+    telescope: Matrix3<f64>,
     /// Platform with the rods' masses at its balls, platform frame.
     laden_platform: Inertia,
     /// Whether the end effector has inertia.
@@ -87,6 +90,16 @@ pub(super) struct Solution {
 }
 
 impl Solution {
+    /// A solution without motion and forces.
+    pub fn zero() -> Self {
+        Self {
+            nu_rate: OpenVector::zeros(),
+            spin_rate: [0.0; STRUTS],
+            reactions: Reactions::default(),
+            socket_force: [Vector3::zeros(); SOCKETS],
+        }
+    }
+
     /// Writes the part of the solution on which laws may depend, without the accelerations of the bodies.
     pub fn write(&self, answer: &mut Answer) {
         let rate = self.nu_rate.as_slice();
@@ -100,49 +113,36 @@ impl Mechanism {
     pub fn new(plant: &Plant) -> Self {
         let geometry = plant.geometry;
         let rods = Rod::all(plant);
+        let balls = std::array::from_fn(|s| platform_ball(&geometry, s));
         let mut laden_platform = plant.bodies[PLATFORM];
-        for (s, rod) in rods.iter().enumerate() {
-            laden_platform += Inertia::point(rod.bb, platform_ball(&geometry, s));
+        for (rod, ball) in rods.iter().zip(&balls) {
+            laden_platform += Inertia::point(rod.bb, *ball);
         }
+        let telescope = plant.bodies[TELESCOPE_UPPER].tensor + plant.bodies[TELESCOPE_LOWER].tensor;
         let end_effector = &plant.bodies[END_EFFECTOR];
         let springs = plant.effects.iter().find_map(ActiveEffect::strut_spring);
-        Self { geometry, rods, laden_platform, loaded: *end_effector != Inertia::ZERO, springs }
+        Self { geometry, rods, balls, telescope, laden_platform, loaded: *end_effector != Inertia::ZERO, springs }
     }
 
-    /// Solves the equations of motion under wrenches on all bodies (about their origins, inertial axes) and drive
-    /// torques.
+    /// Writes the solution of the equations of motion under wrenches on all bodies (about their origins, inertial axes)
+    /// and drive torques.
     ///
     /// # Errors
     /// [`SingularPose`] if the length rows of the struts are linearly dependent.
-    pub fn solve(
-        &self,
-        plant: &Plant,
-        frame: &Frame,
-        wrenches: &[Twist; BODIES],
-        tau: &[f64; AXES],
-        implicit: &Implicit,
-    ) -> Result<Solution, SingularPose> {
-        let loads = Loads { plant, frame, wrenches, tau, implicit, gravity: plant.gravity_vector() };
-        let mut equations = Equations::of_platform(self, &loads);
-        equations.add_arms(&loads);
-        equations.add_struts(self, &loads);
+    pub fn solve(&self, loads: &Loads, out: &mut Solution) -> Result<(), SingularPose> {
+        let mut equations = Equations::of_platform(self, loads);
+        equations.add_arms(loads);
+        equations.add_struts(self, loads);
         let (nu_rate, tension) = match &self.springs {
-            Some(springs) => equations.solve_elastic(self, springs, &loads)?,
+            Some(springs) => equations.solve_elastic(self, springs, loads)?,
             None => equations.solve_rigid()?,
         };
         if !nu_rate.iter().all(|x| x.is_finite()) {
             return Err(SingularPose);
         }
-        Ok(self.recover(&loads, &equations.ends, nu_rate, &tension))
+        self.recover(loads, &equations.ends, (nu_rate, &tension), out);
+        Ok(())
     }
-}
-
-fn join(a: &Vector3<f64>, b: &Vector3<f64>) -> Vector6 {
-    Vector6::new(a.x, a.y, a.z, b.x, b.y, b.z)
-}
-
-fn add(x: &mut Vector6, a: &Vector3<f64>, b: &Vector3<f64>) {
-    *x += join(a, b);
 }
 
 fn platform_twist(nu: &OpenVector) -> Twist {

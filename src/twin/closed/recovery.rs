@@ -1,38 +1,28 @@
 //! Recovery of socket forces and of the accelerations of all bodies from a solution of the open equations.
 
-use nalgebra::Vector3;
-
 use super::super::wrench::{STILL, Twist};
 use super::equations::{Ends, Loads};
-use super::{Frame, Mechanism, OpenVector, Solution, Vector6, platform_twist};
-use crate::kinematics::Reactions;
-use crate::kinematics::motion::SOCKETS;
-use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{ARMS, Geometry, STRUTS};
+use super::{Frame, Mechanism, OpenVector, Solution, platform_twist};
+use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{ARMS, STRUTS};
 
 impl Mechanism {
-    /// The complete solution, with socket forces and strut spins, from open accelerations and tensions.
+    /// Writes the complete solution, with socket forces and strut spins, from open accelerations and tensions.
     pub(super) fn recover(
         &self,
         loads: &Loads,
         ends: &[Ends; STRUTS],
-        nu_rate: OpenVector,
-        tension: &Vector6,
-    ) -> Solution {
+        (nu_rate, tension): (OpenVector, &[f64; STRUTS]),
+        solution: &mut Solution,
+    ) {
         let Frame { motion, jacobians, .. } = loads.frame;
-        let omega = motion.bodies[PLATFORM].angular_velocity;
         let (linear, angular) = platform_twist(&nu_rate);
-        let mut solution = Solution {
-            nu_rate,
-            spin_rate: [0.0; STRUTS],
-            reactions: Reactions::default(),
-            socket_force: [Vector3::zeros(); SOCKETS],
-        };
+        solution.nu_rate = nu_rate;
         for s in 0..STRUTS {
             let (i, rod) = (s / 2, &self.rods[s]);
             let (u, r) = (motion.strut_axis[s], jacobians.ball[s]);
             let a = jacobians.elbow[i] * nu_rate[i] + jacobians.elbow_bias[i];
-            let b = linear + angular.cross(&r) + omega.cross(&omega.cross(&r));
+            let b = linear + angular.cross(&r) + jacobians.ball_bias[s];
             let upper = a * rod.aa + b * rod.ab - ends[s].upper - u * tension[s];
             let lower = a * rod.ab + b * rod.bb - ends[s].lower + u * tension[s];
             solution.socket_force[s] = upper;
@@ -42,7 +32,6 @@ impl Mechanism {
             let inertia = rod.axial + loads.implicit.spins[s];
             solution.spin_rate[s] = (loads.wrenches[STRUT + s].1.dot(&u) + loads.implicit.spin_moment[s]) / inertia;
         }
-        solution
     }
 
     /// Accelerations of all bodies for a solution, inertial axes.
@@ -51,17 +40,17 @@ impl Mechanism {
         let mut out = [STILL; BODIES];
         let nu = &solution.nu_rate;
         for i in 0..ARMS {
-            out[ARM + i].1 = Geometry::tangential(i) * nu[i];
+            let (body, screw) = motion.drive(i);
+            screw.push(&mut out[body], nu[i]);
         }
         out[ROTOR].1.z = nu[3];
         let (linear, angular) = platform_twist(nu);
         out[PLATFORM] = (linear, angular);
-        let omega = motion.bodies[PLATFORM].angular_velocity;
         for s in 0..STRUTS {
             let i = s / 2;
             let (u, length) = (motion.strut_axis[s], motion.strut_length[s]);
             let a = jacobians.elbow[i] * nu[i] + jacobians.elbow_bias[i];
-            let b = linear + angular.cross(&jacobians.ball[s]) + omega.cross(&omega.cross(&jacobians.ball[s]));
+            let b = linear + angular.cross(&jacobians.ball[s]) + jacobians.ball_bias[s];
             let along = frame.length_rate[s];
             let axis_rate = (jacobians.stretch[s] - u * along) / length;
             let spin = motion.bodies[STRUT + s].angular_velocity.dot(&u);

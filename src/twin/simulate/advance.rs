@@ -3,10 +3,11 @@
 use nalgebra::{Rotation3, Vector3};
 
 use super::{INSTANT, Run};
-use crate::kinematics::Motion;
+use crate::kinematics::{Motion, SocketSet};
 use crate::machine::STRUTS;
 use crate::machine::bodies::{END_EFFECTOR, STRUT};
 use crate::numerics::{halvings, try_bisect};
+use crate::twin::Snapshot;
 use crate::twin::contacts::ContactBody;
 use crate::twin::sockets::socket_name;
 use crate::twin::trace::{Dislocation, Impact};
@@ -17,6 +18,12 @@ use crate::twin::{Event, EventKind, SingularPose, energy, stops};
 const EVENT_TIME: f64 = 1e-7;
 /// Time without contact after which a pair's next contact is a new event, s.
 const CONTACT_PAUSE: f64 = 0.05;
+
+/// Error of a position or velocity in one step of a broken robot to which its pace is adapted, m, rad, m/s or rad/s, and
+/// the limits of the change from step to step.
+const STEP_ERROR: f64 = 2e-6;
+const SLOWEST: f64 = 0.3;
+const FASTEST: f64 = 2.0;
 
 /// A contact or stop, of which only the beginnings are events.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -30,8 +37,8 @@ pub(super) enum Meeting {
 impl Run<'_> {
     /// Advances to `end`, opening sockets whose hold force is exceeded.
     pub(super) fn advance(&mut self, end: f64) -> Result<(), SingularPose> {
-        let full = self.period / self.options.substeps as f64;
         while end - self.twin.time() > INSTANT {
+            let full = self.longest_step();
             let mut h = full.min(end - self.twin.time());
             if end - self.twin.time() - h < 1e-3 * full {
                 h = end - self.twin.time();
@@ -41,8 +48,15 @@ impl Run<'_> {
             if self.clamps.armed {
                 self.twin.save(&mut self.checkpoint);
             }
+            self.known = None;
             self.twin.step(h, &self.torque)?;
             self.report.steps += 1;
+            if self.twin.closed() != SocketSet::ALL {
+                self.set_pace(h);
+            }
+            if end - self.twin.time() <= INSTANT {
+                self.twin.set_time(end);
+            }
             if self.clamps.armed && self.weakest()? < 0.0 {
                 self.open_sockets(h)?;
             }
@@ -53,6 +67,37 @@ impl Run<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Longest step at present, s: the given one, or the [`pace`](Self::set_pace) of a broken robot, which has no
+    /// controller to be followed.
+    fn longest_step(&self) -> f64 {
+        let given = self.period / self.options.substeps as f64;
+        if self.twin.closed() == SocketSet::ALL { given } else { self.pace.max(given) }
+    }
+
+    /// Adapts the pace of a broken robot to the estimated error of its last step, of `h` s: never finer than the given
+    /// step, and at most a sample time.
+    fn set_pace(&mut self, h: f64) {
+        let given = self.period / self.options.substeps as f64;
+        // The error is of the third power of the step.
+        let factor = (STEP_ERROR / self.twin.step_error().max(f64::MIN_POSITIVE)).cbrt();
+        self.pace = (h * factor.clamp(SLOWEST, FASTEST)).clamp(given, self.period);
+    }
+
+    /// Stops a robot that has come to rest: what would go on is the creep of regularised friction.
+    pub(super) fn halt(&mut self) {
+        self.twin.halt();
+        self.known = None;
+        if self.contact.iter().any(|w| *w != STILL) {
+            self.twin.set_external(Load::constant(self.contact));
+        }
+    }
+
+    /// Keeps a robot that has been stopped where it is until `end`, with the solution there.
+    pub(super) fn stay(&mut self, end: f64, solution: Snapshot) {
+        self.twin.set_time(end);
+        self.known = Some(solution);
     }
 
     /// Updates the contact wrenches for the next step and returns its length, shortened to resolve them.
@@ -120,6 +165,7 @@ impl Run<'_> {
         let snapshot = self.twin.evaluate(&self.torque)?;
         let closed = self.twin.closed();
         let margins = self.clamps.margins(&snapshot.motion, &snapshot.sockets, closed);
+        self.known = Some(snapshot);
         Ok(closed.iter().map(|s| margins[s]).fold(f64::INFINITY, f64::min))
     }
 
@@ -130,6 +176,7 @@ impl Run<'_> {
             self.twin.step(step, &self.torque)?;
             Ok(self.weakest()? >= 0.0)
         })?;
+        self.known = None;
         self.twin.restore(&self.checkpoint);
         self.twin.step(after, &self.torque)?;
         let t = self.twin.time();

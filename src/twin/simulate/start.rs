@@ -77,6 +77,8 @@ impl<'a> Run<'a> {
             touching: Vec::new(),
             rest_since: None,
             rested: false,
+            known: None,
+            pace: model.sample_time / options.substeps as f64,
             work: Vec::new(),
             turned_over: 0.0,
             frames: 0,
@@ -115,6 +117,7 @@ fn contacts(options: &Options, plant: &Plant, start: &Motion) -> Result<Option<B
         payload: options.payload_shape.as_ref(),
         geometry: &plant.geometry,
         gravity: plant.gravity_vector(),
+        bodies: &plant.bodies,
         start,
     };
     new(&surroundings).map(Some)

@@ -1,8 +1,9 @@
 //! `deltatwin add`.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
-use miette::{IntoDiagnostic, WrapErr};
+use miette::{IntoDiagnostic, WrapErr, miette};
 
 use super::diagnose::budget;
 use crate::command::gate::{guard, much_is_left};
@@ -10,10 +11,13 @@ use crate::command::identify::provenance;
 use crate::data::{Data, DataArgs};
 use crate::report::{check_report, write_report};
 use crate::terminal::{DONE, Table, check_output, error_bars, origin, say, spinner, warn};
-use deltatwin::diagnosis::{Addition, add, parameters_of};
+use deltatwin::diagnosis::{Addition, Options, add_with, parameters_of};
+use deltatwin::effects::Effect;
+use deltatwin::effects::formula::NAME;
 use deltatwin::identification::Estimate;
+use deltatwin::model::Model;
 use deltatwin::text::significant;
-use deltatwin_analysis::page;
+use deltatwin_analysis::{law, page};
 use deltatwin_io::model;
 
 /// Add an effect to a model, refit, and see the error fall.
@@ -26,6 +30,9 @@ pub struct Args {
     pub model: PathBuf,
     /// Name of the effect, see `deltatwin effects`.
     pub effect: String,
+    /// Term of the effect `formula`, as PLACE: LAW, such as "drive1: -tanh(50*qd1)"; may be given several times.
+    #[arg(long, value_name = "TERM")]
+    pub law: Vec<String>,
     #[command(flatten)]
     data: DataArgs,
     /// Model file to write.
@@ -46,6 +53,7 @@ pub struct Args {
 pub fn run(args: &Args) -> miette::Result<u8> {
     let model = model::read(&args.model)?;
     crate::command::effects::known(&args.effect)?;
+    let candidates = typed(args, &model)?;
     let given = args.data.inputs();
     let mut inputs = given.files();
     inputs.push(&args.model);
@@ -55,7 +63,9 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     warn(&data.warnings);
     guard(&model, &data, &args.data)?;
     let progress = spinner(&format!("add {}", args.effect));
-    let addition = add(&model, &args.effect, &data.datasets, &data.held_out);
+    let candidates = candidates.as_slice();
+    let options = Options { candidates, ..Options::default() };
+    let addition = add_with(&model, &args.effect, &data.datasets, &data.held_out, &options);
     progress.finish_and_clear();
     let names: Vec<&str> = data.datasets.iter().map(|t| t.name.as_str()).collect();
     let addition = addition.into_diagnostic().wrap_err_with(|| format!("recording {}", names.join(", ")))?;
@@ -67,12 +77,24 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         print(&addition, &parameters, &data, args.verbose)?;
     }
     let provenance = provenance("add", &args.data, &addition.fit.parameters);
-    crate::command::identify::write(&addition.fit.model, &args.output, &provenance, args.json)?;
+    crate::command::identify::write_fit(&addition.fit, &args.output, &provenance, args.json)?;
     write_report(args.report.as_deref(), args.json, || {
         let origin = origin("add", Some(&args.model), &args.data.inputs(), &data.warnings)?;
         page::of_addition(&addition, &model, &data, &origin).into_diagnostic()
     })?;
     Ok(DONE)
+}
+
+/// The formula of the typed terms, if there are any.
+fn typed(args: &Args, model: &Model) -> miette::Result<Vec<Arc<dyn Effect>>> {
+    if args.law.is_empty() {
+        return Ok(Vec::new());
+    }
+    if args.effect != NAME {
+        return Err(miette!("--law is of the effect `{NAME}`, not of `{}`", args.effect));
+    }
+    let formula = law::formula(model.mechanism, &args.law).into_diagnostic().wrap_err("--law")?;
+    Ok(vec![formula])
 }
 
 fn print(a: &Addition, parameters: &[Estimate], data: &Data, verbose: bool) -> miette::Result<()> {

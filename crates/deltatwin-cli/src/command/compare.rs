@@ -2,15 +2,17 @@
 
 use std::path::PathBuf;
 
-use miette::IntoDiagnostic;
+use miette::{IntoDiagnostic, WrapErr};
 
 use crate::command::gate::guard;
 use crate::data::{Data, DataArgs, positive};
 use crate::report::{check_report, write_report};
-use crate::terminal::{BAD_ANSWER, DONE, Table, check_output, origin, say, spinner, warn};
+use crate::terminal::{BAD_ANSWER, DONE, Table, check_output, origin, say, spinner, warn, write_figure};
 use deltatwin::comparison::{Comparison, compare};
+use deltatwin::model::Model;
 use deltatwin_analysis::page;
 use deltatwin_io::model;
+use deltatwin_report::drawing::residual::{self, Stage};
 
 /// Show where a model fails to predict recordings.
 #[derive(clap::Args, Clone, Debug)]
@@ -27,8 +29,11 @@ pub struct Args {
     #[arg(long, value_name = "FILE.html")]
     pub report: Option<PathBuf>,
     /// A later model of the same machine, whose residual is drawn beside.
-    #[arg(long, value_name = "MODEL2", requires = "report")]
+    #[arg(long, value_name = "MODEL2")]
     pub beside: Option<PathBuf>,
+    /// Folder for the same as SVG, made if need be.
+    #[arg(long, value_name = "DIR")]
+    pub figure: Option<PathBuf>,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -54,10 +59,11 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     } else {
         print(&comparison)?;
     }
+    let name = args.beside.as_ref().map(|path| path.display().to_string()).unwrap_or_default();
+    let beside = beside.as_ref().map(|model| (&name[..], model));
+    draw(args, &model, beside, &data, &comparison.noise_floor)?;
     write_report(args.report.as_deref(), args.json, || {
         let origin = origin("compare", Some(&args.model), &args.data.inputs(), &data.warnings)?;
-        let name = args.beside.as_ref().map(|path| path.display().to_string()).unwrap_or_default();
-        let beside = beside.as_ref().map(|model| (&name[..], model));
         page::of_comparison(&comparison, &model, beside, &data, &origin).into_diagnostic()
     })?;
     let Some(most) = args.fail_above else { return Ok(DONE) };
@@ -68,6 +74,19 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         }
         None => Ok(DONE),
     }
+}
+
+/// Writes the figures of the last recording, a held-out one if there is any.
+fn draw(args: &Args, model: &Model, beside: Option<(&str, &Model)>, data: &Data, noise: &[f64]) -> miette::Result<()> {
+    let (Some(folder), Some(dataset)) = (&args.figure, data.held_out.last().or(data.datasets.last())) else {
+        return Ok(());
+    };
+    let stages = std::iter::once(("model", model)).chain(beside).map(|(name, model)| Stage { name, model });
+    std::fs::create_dir_all(folder).into_diagnostic().wrap_err_with(|| folder.display().to_string())?;
+    for (name, figure) in residual::figures(&stages.collect::<Vec<_>>(), dataset, noise).into_diagnostic()? {
+        write_figure(&folder.join(name.replace(' ', "-")).with_extension("svg"), &figure)?;
+    }
+    if args.json { Ok(()) } else { say(format!("  Wrote the figures into {}", folder.display())) }
 }
 
 fn print(c: &Comparison) -> miette::Result<()> {

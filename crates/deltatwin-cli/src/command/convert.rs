@@ -3,9 +3,12 @@
 pub mod export;
 pub mod import;
 
+use std::io;
 use std::path::Path;
 
 use deltatwin::machine::Mechanism;
+use deltatwin::recording::Recording;
+use deltatwin_io::file;
 use miette::IntoDiagnostic;
 use serde_json::json;
 
@@ -20,7 +23,7 @@ fn convert(from: &Path, how: &Reading, to: &Path, extensions: &[&str], as_json: 
     let (recording, mut warnings) = recording::read_as(from, how)?;
     warnings.extend(alone(from, &recording));
     warn(&warnings);
-    recording::write(&recording, to).into_diagnostic()?;
+    write(&recording, to)?;
     let signals = &recording.signals;
     let duration = signals.t.last().zip(signals.t.first()).map_or(0.0, |(b, a)| b - a);
     if as_json {
@@ -33,15 +36,33 @@ fn convert(from: &Path, how: &Reading, to: &Path, extensions: &[&str], as_json: 
         }))?;
     } else {
         say(format!("Wrote {}: {} samples, {duration:.3} s", to.display(), signals.len()))?;
-        say(format!("  next: {}", next(signals.mechanism, to)))?;
+        say(format!("  next: {}", next(from, signals.mechanism, to)))?;
     }
     Ok(DONE)
 }
 
-/// The command that makes use of a recording of a machine.
-fn next(machine: Mechanism, recording: &Path) -> String {
-    let name = recording.display();
+/// Writes a recording in the format of the name `to`.
+fn write(recording: &Recording, to: &Path) -> miette::Result<()> {
+    if is_parquet(to) {
+        let table = |out: &mut io::BufWriter<&std::fs::File>| {
+            deltatwin_study::recording::write(recording, out).map_err(io::Error::other)
+        };
+        return file::replace(to, table).into_diagnostic();
+    }
+    recording::write(recording, to).into_diagnostic()
+}
+
+fn is_parquet(file: &Path) -> bool {
+    file.extension().is_some_and(|e| e.eq_ignore_ascii_case("parquet"))
+}
+
+/// What makes use of the recording `to`, of which `from` is the origin.
+fn next(from: &Path, machine: Mechanism, to: &Path) -> String {
+    let name = to.display();
     match machine {
+        _ if is_parquet(to) => {
+            format!("polars.read_parquet(\"{name}\") in Python; deltatwin itself goes on with {}", from.display())
+        }
         Mechanism::Axis(_) => format!("deltatwin new axis {name} -o axis.toml"),
         Mechanism::Delta { .. } => {
             format!("deltatwin check {name} --model MODEL, or deltatwin new delta {name} -o delta.toml")

@@ -6,12 +6,13 @@ use miette::{IntoDiagnostic, miette};
 use rayon::prelude::*;
 
 use crate::terminal::{
-    DONE, INTERRUPTED, Table, bar, catch_interrupt, complain, interrupted, paths, say, warn, write_figure,
+    DONE, INTERRUPTED, Table, bar, catch_interrupt, complain, interrupted, origin_of, path, paths, say, warn,
+    write_figure,
 };
 use deltatwin::machine::Mechanism;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
-use deltatwin::text::significant;
+use deltatwin_analysis::page::end;
 use deltatwin_io::{model, recording};
 use deltatwin_study::campaign::{Campaign as Rows, CampaignError as Stopped, Chunk, Digest, Row};
 use deltatwin_validation::exam::campaign::{Campaign, CampaignError, Case, campaign, hideable, quiet_campaign};
@@ -20,7 +21,7 @@ use deltatwin_validation::exam::noise::Noise;
 use deltatwin_validation::exam::plan::{NOTHING, Plan, seed};
 use deltatwin_validation::exam::score::{Judged, Score};
 use deltatwin_validation::exam::size::Size;
-use deltatwin_validation::exam::{Grade, experiment, figures, folder, judge};
+use deltatwin_validation::exam::{self, Grade, experiment, figures, folder, judge};
 
 use super::study::progress::Progress;
 
@@ -142,13 +143,18 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         write_figure(&file, &figure)?;
         files.push(file);
     }
+    let page = root.join("exam.html");
+    let mut report = exam::page::page(&score, &judged, &model.name);
+    end(&mut report, &origin_of("exam", &[("model", &args.model)])?);
+    report.write(&page).into_diagnostic()?;
     if args.json {
         let mut object = score.json(&judged);
         object["figures"] = paths(&files);
+        object["page"] = path(&page);
         say(object)?;
     } else {
         print(&score, &judged)?;
-        say(format!("\n  Wrote figures into {}", root.display()))?;
+        say(format!("\n  Wrote {} with its figures", page.display()))?;
     }
     Ok(DONE)
 }
@@ -371,50 +377,19 @@ fn print(score: &Score, judged: &[Judged]) -> miette::Result<()> {
         &["Not right", "hidden", "verdict", "named {or one of}", "grade", "probability", "after/floor"],
         &[1, 2, 3, 4],
     );
-    let mut wrong = 0;
-    for j in judged.iter().filter(|j| j.grade != Grade::Right) {
-        let a = &j.answer;
-        let mut named: Vec<String> = a.effects.iter().map(|e| e.name.clone()).collect();
-        named.extend(a.indistinguishable.iter().map(|set| format!("{{{}}}", set.join(", "))));
-        table.row([
-            j.name.clone(),
-            j.hidden() + if j.truth.limited { " (limited)" } else { "" },
-            a.failure.clone().unwrap_or_else(|| a.verdict.clone()),
-            named.join(", "),
-            j.grade.to_string(),
-            a.effects.first().map_or_else(String::new, |e| format!("{:.2}", e.probability)),
-            a.held_out_ratio().map_or_else(String::new, |r| significant(r, 4)),
-        ]);
-        wrong += 1;
+    let wrong: Vec<&Judged> = judged.iter().filter(|j| j.grade != Grade::Right).collect();
+    for j in &wrong {
+        let [verdict, named, probability, ratio] = j.answered();
+        let hidden = j.hidden() + if j.truth.limited { " (limited)" } else { "" };
+        table.row([j.name.clone(), hidden, verdict, named, j.grade.to_string(), probability, ratio]);
     }
-    if wrong > 0 {
+    if !wrong.is_empty() {
         say(format!("{table}\n"))?;
     }
     let mut table = Table::new(&["Exam", "count = share (95 % interval)"], &[1]);
-    let mut row = |what: &str, rate: deltatwin_validation::exam::score::Rate| {
-        if rate.of > 0 {
-            table.row([what.into(), rate.to_string()]);
-        }
-    };
-    row("false alarms", score.false_alarms);
-    for (noise, rate) in &score.by_noise {
-        row(&format!("  {noise}"), *rate);
+    for (what, rate) in score.rates() {
+        table.row([what, rate.to_string()]);
     }
-    for (size, rate) in &score.by_size {
-        row(&format!("right, {size}"), *rate);
-    }
-    row("right, limited", score.limited);
-    row("both of two", score.both);
-    row("at least one of two", score.either);
-    row("unknown, outside the library", score.outside.unknown);
-    row("  in the right place", score.outside.located);
-    row("  in the span of the search", score.in_span.unknown);
-    row("    in the right place", score.in_span.located);
-    row("  outside that span", score.beyond_span.unknown);
-    row("    in the right place", score.beyond_span.located);
-    row("confidently wrong", score.confidently_wrong);
-    row("held-out residual within bound", score.explained());
-    row("parameters within 3 standard errors", score.within_three());
     say(table)?;
     if let Some([median, most]) = score.time() {
         say(format!("\n  {} campaigns, {median:.1} s per diagnosis (median; at most {most:.1} s)", judged.len()))?;

@@ -5,7 +5,7 @@ mod payload;
 
 use std::path::{Path, PathBuf};
 
-use miette::{IntoDiagnostic, miette};
+use miette::{IntoDiagnostic, WrapErr, miette};
 
 use self::how::How;
 use crate::command::gate::{guard, much_is_left};
@@ -16,13 +16,14 @@ use deltatwin::comparison::compare;
 use deltatwin::identification::consistency::min_eigenvalue;
 use deltatwin::identification::dataset::noise_floor as floor;
 use deltatwin::identification::fit::FitError;
+use deltatwin::identification::uncertainty::Uncertainty;
 use deltatwin::identification::{BaseParameter, Estimate, Fit, fit_with};
 use deltatwin::model::{Model, Provenance};
 use deltatwin::text::significant;
 use deltatwin_analysis::identify::Identification;
 use deltatwin_analysis::page;
 use deltatwin_analysis::run::held_out_rms;
-use deltatwin_io::model;
+use deltatwin_io::model::{self, uncertainty};
 
 /// Estimate the parameters of a model from recordings.
 #[derive(clap::Args, Clone, Debug)]
@@ -82,7 +83,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     match &args.output {
         Some(output) => {
             let provenance = provenance("identify", &args.data, &answer.fitted.parameters);
-            write(&answer.fitted.model, output, &provenance, args.json)?;
+            write_fit(&answer.fitted, output, &provenance, args.json)?;
         }
         None if args.json => {}
         None => say("  Nothing written; -o FILE keeps the model")?,
@@ -114,6 +115,20 @@ pub(crate) fn provenance(command: &str, data: &DataArgs, parameters: &[Estimate]
         data.data.iter().map(|f| f.display().to_string()).collect(),
         parameters.iter().map(|p| (p.name.clone(), p.std)),
     )
+}
+
+/// Writes the model of a fit, and its covariance beside it; reports them unless `quietly`.
+pub(crate) fn write_fit(fit: &Fit, output: &Path, provenance: &Provenance, quietly: bool) -> miette::Result<()> {
+    write(&fit.model, output, provenance, quietly)?;
+    let covariance = uncertainty::beside(output);
+    uncertainty::write(&Uncertainty::of(fit), output)
+        .into_diagnostic()
+        .wrap_err_with(|| format!("cannot write {}", covariance.display()))?;
+    if quietly {
+        Ok(())
+    } else {
+        say(format!("  Wrote {}, for studies over what the fit leaves open", covariance.display()))
+    }
 }
 
 /// Writes a fitted model after its answer was printed; reports it unless `quietly`.

@@ -8,7 +8,7 @@ use miette::{IntoDiagnostic, WrapErr};
 use serde_json::{Map, Value, json};
 
 use crate::terminal::{
-    BAD_ANSWER, DONE, Table, assembled_robot, check_output, complain, path, say, spinner, warn, write_figure,
+    BAD_ANSWER, DONE, Table, assembled_robot, check_output, complain, origin_of, path, say, spinner, warn, write_figure,
 };
 use deltatwin::dynamics::Plant;
 use deltatwin::planner::trajectory::trajectory;
@@ -17,7 +17,8 @@ use deltatwin::planner::{Limits, Machine, Options, Plan, PlanError, Task, plan};
 use deltatwin::recording::Recording;
 use deltatwin::text::significant;
 use deltatwin::twin::NewContacts;
-use deltatwin_report::drawing;
+use deltatwin_analysis::page::end;
+use deltatwin_report::plan::{PlanPage, figures, plan_page};
 
 /// Plan the fastest motion along a path.
 ///
@@ -38,6 +39,9 @@ pub struct Args {
     /// Folder for the figures, made if need be.
     #[arg(long, value_name = "DIR")]
     pub figure: Option<PathBuf>,
+    /// Page to write, .html: the time, the limits that set it, the motion and its execution.
+    #[arg(long, value_name = "PAGE")]
+    pub report: Option<PathBuf>,
     /// Model file of a machine; the twin executes the plan on it, with feed-forward of MODEL.
     #[arg(long, value_name = "MODEL2")]
     pub twin: Option<PathBuf>,
@@ -59,6 +63,9 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let task = deltatwin_io::plan::read_with(&args.path, Limits::of(&model), deltatwin_cell::mesh::read)?;
     if let Some(output) = &args.output {
         check_output(output, &[&args.model, &args.path], &["csv", "mcap"])?;
+    }
+    if let Some(page) = &args.report {
+        check_output(page, &[&args.model, &args.path], &["html"])?;
     }
     let notes = task.shape.notes();
     warn(&notes.iter().map(|note| format!("{}: {note}", args.path.display())).collect::<Vec<_>>());
@@ -93,35 +100,43 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let contacts = Some(deltatwin_cell::contacts as NewContacts);
     let execution =
         twin.as_ref().map(|twin| execute(twin, &plant, &planned, contacts)).transpose().into_diagnostic()?;
-    let mut written = Vec::new();
-    if let Some(folder) = &args.figure {
-        std::fs::create_dir_all(folder).into_diagnostic().wrap_err_with(|| folder.display().to_string())?;
-        let mut all = vec![
-            ("path", drawing::plan::path(&curve)),
-            ("speed", drawing::plan::speed(&found)),
-            ("drives", drawing::plan::drives(&found, &task.limits)),
-            ("forces", drawing::plan::forces(&planned, &task.limits)),
-        ];
-        if let Some(execution) = &execution {
-            let [torques, struts, acceleration] = drawing::plan::execution(&planned, execution);
-            all.extend([
-                ("executed-torques", torques),
-                ("executed-forces", struts),
-                ("executed-acceleration", acceleration),
-            ]);
-        }
-        for (name, figure) in all {
-            let target = folder.join(name).with_extension("svg");
-            write_figure(&target, &figure)?;
-            written.push(target);
-        }
-    }
+    let page = PlanPage {
+        task: &task,
+        plan: &found,
+        planned: &planned,
+        execution: execution.as_ref(),
+        machine: &model.name,
+        notes: &notes,
+    };
+    let written = write(args, &page)?;
     if args.json {
         say(to_json(args, &found, &planned, execution.as_ref(), &notes, wall))?;
     } else {
         print(args, &task, &found, execution.as_ref(), &written)?;
     }
     Ok(DONE)
+}
+
+/// Writes the figures and the page; returns their files.
+fn write(args: &Args, page: &PlanPage) -> miette::Result<Vec<PathBuf>> {
+    let mut written = Vec::new();
+    if let Some(folder) = &args.figure {
+        std::fs::create_dir_all(folder).into_diagnostic().wrap_err_with(|| folder.display().to_string())?;
+        for (name, figure, _) in figures(page) {
+            let target = folder.join(name).with_extension("svg");
+            write_figure(&target, &figure)?;
+            written.push(target);
+        }
+    }
+    if let Some(target) = &args.report {
+        let twin = args.twin.iter().map(|twin| ("twin", twin.as_path()));
+        let inputs: Vec<_> = [("model", args.model.as_path()), ("path", &args.path)].into_iter().chain(twin).collect();
+        let mut report = plan_page(page);
+        end(&mut report, &origin_of("plan", &inputs)?);
+        report.write(target).into_diagnostic()?;
+        written.push(target.clone());
+    }
+    Ok(written)
 }
 
 /// Seconds since the first call.

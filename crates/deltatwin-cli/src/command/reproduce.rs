@@ -6,14 +6,15 @@ use std::time::Instant;
 use miette::{IntoDiagnostic, WrapErr};
 use serde_json::{Map, Value, json};
 
-use crate::terminal::{DONE, INTERRUPTED, bar, catch_interrupt, interrupted, path, say, spinner};
+use crate::terminal::{DONE, INTERRUPTED, bar, catch_interrupt, interrupted, origin_of, path, say, spinner};
+use deltatwin_analysis::page::end;
 use deltatwin_io::file::replace_text;
 use deltatwin_validation::reproduce::runs::Campaign;
-use deltatwin_validation::reproduce::{inputs, markdown, sections};
+use deltatwin_validation::reproduce::{self, inputs, markdown, sections};
 
 /// Repeat the paper's experiments on the twin and set the results beside the paper's numbers.
 ///
-/// Writes a page `reproduce.md` with tables and figures, and all recordings.
+/// Writes a page, as `reproduce.html` and as `reproduce.md` with its figures, and all recordings.
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = "Example: deltatwin reproduce -o recordings/reproduce --seed 2")]
 pub struct Args {
@@ -79,8 +80,11 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         write(&format!("{}.svg", plot.name), plot.figure.svg())?;
     }
     write("reproduce.md", &markdown(&sections))?;
+    let page = folder.join("reproduce.html");
+    let mut report = reproduce::page(&sections);
+    end(&mut report, &origin_of("reproduce", &[])?);
+    report.write(&page).into_diagnostic()?;
     working.finish_and_clear();
-    let page = folder.join("reproduce.md");
     let wall = start.elapsed().as_secs_f64();
     if args.json {
         let results: Map<String, Value> = sections.iter().map(|s| (s.key.to_string(), s.json())).collect();

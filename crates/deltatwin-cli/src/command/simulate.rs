@@ -148,7 +148,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     #[cfg(feature = "viewer")]
     alone("--rrd", args.rrd.is_some())?;
     #[cfg(feature = "viewer")]
-    alone("--connect, --spawn or --live", args.viewer.wanted())?;
+    alone("--connect, --spawn, --serve or --live", args.viewer.wanted())?;
     #[cfg(feature = "viewer")]
     if let Some(rrd) = &args.rrd {
         check_output(rrd, &[args.scenarios[0].as_path()], &["rrd"])?;
@@ -214,7 +214,12 @@ pub fn run(args: &Args) -> miette::Result<u8> {
             _ => say(json!({ "runs": runs }))?,
         }
     }
-    Ok(if interrupted() { INTERRUPTED } else { status })
+    if interrupted() {
+        return Ok(INTERRUPTED);
+    }
+    #[cfg(feature = "viewer")]
+    args.viewer.stay();
+    Ok(status)
 }
 
 /// Runs all jobs on all cores, with a progress bar over their simulated time; with a `pace`, no faster than so many

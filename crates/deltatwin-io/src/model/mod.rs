@@ -3,6 +3,7 @@
 mod read;
 mod schema;
 mod table;
+pub mod uncertainty;
 mod write;
 
 pub use read::{parse, read};

@@ -5,13 +5,14 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 use deltatwin::cell::MeshReader;
+use deltatwin::identification::uncertainty::Uncertainty;
 use deltatwin::model::Model;
 use deltatwin::scenario::Scenario;
 use toml::{Table, Value};
 
 use super::factor::{Change, Factor, Range, Setting};
 use super::tree;
-use crate::model;
+use crate::model::{self, uncertainty};
 use crate::outside;
 use crate::scenario::{self, ScenarioError};
 use crate::source::Problem;
@@ -25,6 +26,10 @@ pub const SPEED: &str = "speed_scale";
 /// First steps of keys into model files.
 const MODEL: &str = "model.";
 const CONTROLLER: &str = "controller_model.";
+/// Step of a key after which the number of a machine follows that is drawn from a model's covariance.
+const DRAWN: &str = "drawn";
+/// Largest number of such a machine.
+const MOST_DRAWN: f64 = 1e9;
 /// Smallest and largest scale of the speed.
 const SPEEDS: [f64; 2] = [1e-3, 1e3];
 
@@ -63,6 +68,33 @@ pub(super) struct Template {
     meshes: MeshReader,
     contents: Vec<(String, Vec<u8>)>,
     models: Arc<Mutex<HashMap<PathBuf, Arc<Source>>>>,
+    uncertainties: Arc<Mutex<HashMap<PathBuf, Arc<Uncertainty>>>>,
+}
+
+/// Changes of a model file, and the number of the machine drawn from its covariance.
+#[derive(Default)]
+struct Changes {
+    keys: Vec<(String, Value, Change)>,
+    drawn: u64,
+}
+
+impl Changes {
+    fn set(&mut self, key: &str, value: &Value, change: Change) -> Result<(), String> {
+        if key != DRAWN {
+            self.keys.push((key.into(), value.clone(), change));
+            return Ok(());
+        }
+        let number = value.as_float().or_else(|| value.as_integer().map(|n| n as f64));
+        let number = number.filter(|n| (0.0..=MOST_DRAWN).contains(n) && change == Change::Set);
+        self.drawn = number.ok_or_else(|| {
+            format!("`{DRAWN}` is {value}; expected a number from 0 (the model itself) to {MOST_DRAWN:e}, set")
+        })? as u64;
+        Ok(())
+    }
+
+    fn is_empty(&self) -> bool {
+        self.keys.is_empty() && self.drawn == 0
+    }
 }
 
 /// What an error says, without its place in a text that nobody has written.
@@ -94,7 +126,8 @@ impl Template {
                 .map_err(|e: toml::de::Error| ScenarioError::Io { file: path.clone(), reason: e.to_string() })?;
             bases.push(Base { path: path.clone(), tree });
         }
-        let mut template = Self { bases, meshes, contents: Vec::new(), models: Arc::default() };
+        let mut template =
+            Self { bases, meshes, contents: Vec::new(), models: Arc::default(), uncertainties: Arc::default() };
         template.contents = template.all_contents(experiment, study)?;
         Ok(template)
     }
@@ -122,6 +155,12 @@ impl Template {
         }
         let mut contents = vec![("study".to_string(), study.to_string().into_bytes())];
         contents.extend(self.bases.iter().map(|base| ("scenario".to_string(), base.tree.to_string().into_bytes())));
+        for (name, file) in named.clone() {
+            let covariance = uncertainty::beside(&file);
+            if is_drawn(study) && covariance.is_file() && name.ends_with(".toml") {
+                named.insert(uncertainty::beside(Path::new(&name)).to_string_lossy().into_owned(), covariance);
+            }
+        }
         for (name, file) in named {
             let bytes = crate::file::bytes(&file, LONGEST)
                 .map_err(|e| ScenarioError::Io { file: file.clone(), reason: e.to_string() })?;
@@ -136,7 +175,7 @@ impl Template {
 
     /// See [`super::Study::files`].
     pub fn files(&self, factors: &[Factor], settings: &[Setting], seed: Option<u64>) -> Result<Files, String> {
-        let mut run = Run { model: Vec::new(), controller: Vec::new(), speed: 1.0, late: Vec::new() };
+        let mut run = Run { model: Changes::default(), controller: Changes::default(), speed: 1.0, late: Vec::new() };
         let base = factors.iter().zip(settings).find_map(|(factor, setting)| match setting {
             Setting::Level(level) if factor.keys[0] == SCENARIO => Some(*level),
             _ => None,
@@ -167,7 +206,7 @@ impl Template {
     }
 
     /// The model in a file, with changes.
-    fn model(&self, path: &Path, changes: &[(String, Value, Change)]) -> Result<Model, String> {
+    fn model(&self, path: &Path, changes: &Changes) -> Result<Model, String> {
         let known = self.models.lock().map_or(None, |models| models.get(path).cloned());
         let source = match known {
             Some(source) => source,
@@ -185,19 +224,42 @@ impl Template {
         if changes.is_empty() {
             return Ok(source.model.clone());
         }
-        let mut tree = source.tree.clone();
-        for (key, value, change) in changes {
+        let name = || path.file_name().unwrap_or_default().to_string_lossy();
+        // Drawn first, so that what a factor sets or multiplies is that of the drawn machine.
+        let mut tree = match changes.drawn {
+            0 => source.tree.clone(),
+            number => {
+                let uncertainty = self.uncertainty(path)?;
+                let drawn = uncertainty.draw(&source.model, number).map_err(|e| format!("{}: {e}", name()))?;
+                let text = source.model.source.as_deref().unwrap_or_default();
+                let text = model::updated_text(text, &drawn).map_err(|e| format!("{}: {e}", name()))?;
+                text.parse().map_err(|e: toml::de::Error| e.to_string())?
+            }
+        };
+        for (key, value, change) in &changes.keys {
             tree::change(&mut tree, key, value, *change).map_err(|e| format!("{}: {e}", path.display()))?;
         }
-        model::parse(&tree.to_string(), path)
-            .map_err(|e| format!("{}: {}", path.file_name().unwrap_or_default().to_string_lossy(), said_of_model(&e)))
+        model::parse(&tree.to_string(), path).map_err(|e| format!("{}: {}", name(), said_of_model(&e)))
+    }
+
+    /// The covariance beside a model file.
+    fn uncertainty(&self, path: &Path) -> Result<Arc<Uncertainty>, String> {
+        let known = self.uncertainties.lock().map_or(None, |all| all.get(path).cloned());
+        if let Some(known) = known {
+            return Ok(known);
+        }
+        let read = Arc::new(uncertainty::read(path)?);
+        if let Ok(mut all) = self.uncertainties.lock() {
+            all.insert(path.into(), read.clone());
+        }
+        Ok(read)
     }
 }
 
 /// Changes of one run that are not made in the scenario's tree at once.
 struct Run {
-    model: Vec<(String, Value, Change)>,
-    controller: Vec<(String, Value, Change)>,
+    model: Changes,
+    controller: Changes,
     speed: f64,
     /// Changes of parts of values that other factors may determine.
     late: Vec<(String, Value, Change)>,
@@ -217,9 +279,9 @@ impl Run {
                     None => return Err(format!("`{SPEED}` is {value}; expected a number from {low} to {high}")),
                 }
             } else if let Some(key) = key.strip_prefix(CONTROLLER) {
-                self.controller.push((key.into(), value.clone(), change));
+                self.controller.set(key, value, change)?;
             } else if let Some(key) = key.strip_prefix(MODEL) {
-                self.model.push((key.into(), value.clone(), change));
+                self.model.set(key, value, change)?;
             } else if completed(key) {
                 self.late.push((key.clone(), value.clone(), change));
             } else {
@@ -228,6 +290,17 @@ impl Run {
         }
         Ok(())
     }
+}
+
+/// Whether a study draws machines from the covariance of a model.
+fn is_drawn(study: &Table) -> bool {
+    let drawn = |key: &Value| key.as_str().is_some_and(|key| key.rsplit_once('.').is_some_and(|(_, end)| end == DRAWN));
+    let keys = |factor: &Value| match factor.get("key") {
+        Some(Value::Array(keys)) => keys.iter().any(drawn),
+        Some(key) => drawn(key),
+        None => false,
+    };
+    study.get("factors").and_then(Value::as_array).is_some_and(|factors| factors.iter().any(keys))
 }
 
 /// Whether a key is a part of an array that a scenario may omit.

@@ -20,13 +20,13 @@ const BINS: usize = 60;
 /// Ratio of RMS to noise from which the residual of a channel is drawn over the motion and as a spectrum.
 const ABOVE: f64 = 1.15;
 
-/// Figures with captions: measured and predicted channels, residuals on their own scale with the band of the `noise` (one
-/// standard deviation per channel), and of every drive whose first residual exceeds the noise the residual over its angle,
-/// over its speed, and its spectrum.
+/// Figures with the stems of their files: measured and predicted channels, residuals on their own scale with the band of
+/// the `noise` (one standard deviation per channel), and of every drive whose first residual exceeds the noise the residual
+/// over its angle, over its speed, and its spectrum.
 ///
 /// # Errors
 /// [`FitError`] if a model cannot follow the recording.
-pub fn figures(stages: &[Stage], dataset: &Dataset, noise: &[f64]) -> Result<Vec<(Figure, String)>, FitError> {
+pub fn figures(stages: &[Stage], dataset: &Dataset, noise: &[f64]) -> Result<Vec<(String, Figure)>, FitError> {
     let Some(last) = stages.last() else { return Ok(Vec::new()) };
     let mut left = Vec::new();
     for stage in stages {
@@ -36,14 +36,8 @@ pub fn figures(stages: &[Stage], dataset: &Dataset, noise: &[f64]) -> Result<Vec
         .map_err(deltatwin::identification::fit::kinematics(dataset))?;
     let series = |stage: usize, channel: usize| left[stage].series[0][channel].clone();
     let drawn = Drawn { stages, dataset, noise };
-    let mut figures = vec![(
-        drawn.torques(&predicted),
-        format!("{}: measured, and predicted by the model {}.", dataset.name, last.name),
-    )];
-    figures.push((
-        drawn.over_time(&series),
-        "What is left, measured − predicted, on its own scale; dashed: one standard deviation of the noise.".into(),
-    ));
+    let mut figures =
+        vec![("measured".to_string(), drawn.torques(&predicted)), ("left".into(), drawn.over_time(&series))];
     for (c, &channel) in dataset.channels.iter().enumerate() {
         let Some(axis) = channel.drive().filter(|_| left[0].rms[c] > ABOVE * noise[c]) else { continue };
         let of = |f: &dyn Fn(usize) -> f64| (0..dataset.len()).map(f).collect::<Vec<f64>>();
@@ -53,12 +47,9 @@ pub fn figures(stages: &[Stage], dataset: &Dataset, noise: &[f64]) -> Result<Vec
         let places = [("angle", "q", unit.to_string(), angle), ("speed", "q̇", format!("{unit}/s"), speed)];
         for (what, symbol, unit, x) in places {
             let figure = drawn.over(c, channel, (&format!("{symbol}{} / {unit}", axis + 1), x), &series);
-            figures.push((figure, format!("Residual of {} over its {what}: mean and spread.", channel.title())));
+            figures.push((format!("{channel}-{what}"), figure));
         }
-        figures.push((
-            drawn.spectrum(c, channel, &series),
-            format!("Amplitude spectrum of the residual of {}.", channel.title()),
-        ));
+        figures.push((format!("{channel}-spectrum"), drawn.spectrum(c, channel, &series)));
     }
     Ok(figures)
 }

@@ -188,7 +188,7 @@ pub(super) fn draw(title: &str, height: f64, body: impl FnOnce(&mut Canvas)) -> 
         WIDTH,
         f64::from(h) / UNIT
     );
-    Figure { title: title.to_owned(), svg }
+    Figure { title: title.to_owned(), svg, live: None }
 }
 
 pub(super) fn text_width(text: &str, size: f64) -> f64 {

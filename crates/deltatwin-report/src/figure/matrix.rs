@@ -1,7 +1,7 @@
 //! Matrix of shares, such as a confusion matrix.
 
 use super::canvas::{Align, Lettering, draw, shorten, text_width};
-use super::color::{Color, FRAME, GRID, QUIET, TEXT, WHITE};
+use super::color::{Color, FRAME, GRID, QUIET, TEXT};
 use super::{Figure, LABEL_SIZE, RIGHT, TICK_SIZE, WIDTH};
 
 /// One cell of a matrix.
@@ -43,11 +43,13 @@ pub fn matrix(title: &str, rows: &[String], columns: &[String], cells: &[Vec<Cel
             for (k, cell) in cells.get(i).into_iter().flatten().enumerate().take(columns.len()) {
                 let (a, b) = (x0 + k as f64 * column, x0 + (k + 1) as f64 * column);
                 let share = if cell.share.is_finite() { cell.share.clamp(0.0, 1.0) } else { 0.0 };
+                let mut ink = QUIET;
                 if share > 0.0 {
                     let color = if cell.good { Color::IMPROVED } else { Color::RESIDUAL };
-                    c.bar((a, y), (b, y + ROW), color, 0.15 + 0.85 * share);
+                    let color = color.pale(0.15 + 0.85 * share);
+                    c.bar((a, y), (b, y + ROW), color, 1.0);
+                    ink = color.ink();
                 }
-                let ink = if share > 0.5 { WHITE } else { QUIET };
                 let text = shorten(&cell.text, column - 2.0, TICK_SIZE);
                 c.write(&text, (0.5 * (a + b), y + 0.5 * ROW), TICK_SIZE, ink, Align::Middle);
             }

@@ -10,6 +10,7 @@ mod curve;
 mod falling_error;
 mod framed;
 mod legend;
+mod live;
 mod matrix;
 mod numbers;
 mod ranking;
@@ -49,6 +50,8 @@ const LABEL_SIZE: f64 = 12.0;
 pub struct Figure {
     title: String,
     svg: String,
+    /// Its curves as data.
+    live: Option<String>,
 }
 
 impl Figure {
@@ -60,5 +63,10 @@ impl Figure {
     /// The complete `<svg>` element.
     pub fn svg(&self) -> &str {
         &self.svg
+    }
+
+    /// The curves of the figure as JSON, for a page that draws them to be zoomed; `None` of other figures.
+    pub(crate) fn live(&self) -> Option<&str> {
+        self.live.as_deref()
     }
 }

@@ -6,6 +6,8 @@ use super::color::{Color, QUIET};
 use super::curve::{Curve, plot, usable};
 use super::framed::framed;
 use super::legend::colours;
+use super::live::live;
+use super::time_series::Panel;
 use super::{Figure, TICK_SIZE, WIDTH};
 
 /// Number of rows of marker labels above a spectrum.
@@ -50,7 +52,8 @@ pub fn spectrum(title: &str, x_label: &str, y_label: &str, curves: &[Curve], mar
     // Overlapping labels are moved to further rows; those that do not fit are omitted.
     let mut rows: Vec<f64> = Vec::new();
     let room = 14.0 * markers.len().min(MARKER_ROWS) as f64;
-    framed(title, &entries, room, (x, x_label), (y, y_label), |c, r, x, y| {
+    let panel = Panel { title: String::new(), y_label: y_label.into(), curves: curves.clone() };
+    let drawn = framed(title, &entries, room, (x, x_label), (y, y_label), |c, r, x, y| {
         let mut places: Vec<(f64, &str)> = markers
             .iter()
             .filter_map(|m| Some((r.x(x, m.at)?, m.label.as_str())))
@@ -72,5 +75,6 @@ pub fn spectrum(title: &str, x_label: &str, y_label: &str, curves: &[Curve], mar
         for (curve, color) in curves.iter().zip(&colors) {
             plot(c, (r, x, y), curve, *color, curves.len());
         }
-    })
+    });
+    Figure { live: live(x_label, &[panel], true), ..drawn }
 }

@@ -2,7 +2,7 @@
 
 use super::axis::{Axis, Rect, axes, no_data};
 use super::canvas::{Align, draw, shorten, text_width};
-use super::color::{Color, TEXT, WHITE};
+use super::color::{Color, TEXT};
 use super::legend::{Entry, Swatch, head, legend};
 use super::numbers::fixed;
 use super::{Figure, LABEL_SIZE, RIGHT, TICK_SIZE, WIDTH};
@@ -59,7 +59,7 @@ pub fn stacked(title: &str, x_label: &str, parts: &[&str], bars: &[StackedBar]) 
                 }
                 let text = format!("{} %", fixed(100.0 * share, 1));
                 if to - from > text_width(&text, TICK_SIZE) + 6.0 {
-                    c.write(&text, (0.5 * (from + to), y), TICK_SIZE, WHITE, Align::Middle);
+                    c.write(&text, (0.5 * (from + to), y), TICK_SIZE, color(k).ink(), Align::Middle);
                 }
                 from = to;
             }

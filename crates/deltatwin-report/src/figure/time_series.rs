@@ -5,6 +5,7 @@ use super::canvas::{Align, Lettering, draw, shorten};
 use super::color::{Color, TEXT};
 use super::curve::{Curve, plot, usable};
 use super::legend::{colours, head, legend};
+use super::live::live;
 use super::{Figure, LABEL_SIZE, RIGHT, WIDTH};
 
 /// One panel of a stack.
@@ -62,7 +63,7 @@ fn stack(title: &str, x_label: &str, panels: &[Panel], height: f64) -> Figure {
     let y: Vec<Option<Axis>> =
         ranges(panels).into_iter().map(|range| range.map(|r| Axis::linear(r, 0.05, y_ticks))).collect();
     let left = left_margin(y.iter().flatten().fold(0.0, |w, a| a.label_width().max(w)));
-    draw(title, full, |c| {
+    let drawn = draw(title, full, |c| {
         legend(c, &entries);
         let mut color = colors.iter();
         let empty = Axis { hi: 1.0, ..Axis::default() };
@@ -89,5 +90,6 @@ fn stack(title: &str, x_label: &str, panels: &[Panel], height: f64) -> Figure {
                 no_data(c, r);
             }
         }
-    })
+    });
+    Figure { live: live(x_label, panels, false), ..drawn }
 }

@@ -2,13 +2,20 @@
 
 mod chunk;
 mod digest;
-mod engine;
+mod error;
+mod folder;
 mod journal;
+mod making;
+mod merge;
 pub mod parquet;
 mod table;
+#[cfg(test)]
+mod tests;
 
 pub use chunk::Chunk;
 pub(crate) use digest::unit;
 pub use digest::{Digest, Draws};
-pub use engine::{Campaign, CampaignError, Held, Row, Steps, TABLE, Watch};
+pub use error::CampaignError;
+pub use folder::{Campaign, Held, TABLE};
+pub use making::{Row, Steps, Watch};
 pub use table::{Column, Heading, Kind, Table, Value};

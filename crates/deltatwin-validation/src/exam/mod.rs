@@ -11,6 +11,7 @@ pub mod judge;
 pub mod motion;
 pub mod noise;
 pub mod outside;
+pub mod page;
 pub mod plan;
 pub mod score;
 pub mod size;

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use deltatwin::numerics;
+use deltatwin::text::significant;
 use deltatwin_study::statistics::wilson;
 use serde_json::{Map, Value, json};
 
@@ -38,6 +39,20 @@ impl Judged {
             Question::Outside => OUTSIDE.into(),
             Question::One | Question::Several => self.truth.effects.join(" + "),
         }
+    }
+
+    /// What the answer says: its verdict or failure, the effects and sets that it names, the first probability, and the
+    /// held-out residual over the noise.
+    pub fn answered(&self) -> [String; 4] {
+        let a = &self.answer;
+        let mut named: Vec<String> = a.effects.iter().map(|e| e.name.clone()).collect();
+        named.extend(a.indistinguishable.iter().map(|set| format!("{{{}}}", set.join(", "))));
+        [
+            a.failure.clone().unwrap_or_else(|| a.verdict.clone()),
+            named.join(", "),
+            a.effects.first().map_or_else(String::new, |e| format!("{:.2}", e.probability)),
+            a.held_out_ratio().map_or_else(String::new, |r| significant(r, 4)),
+        ]
     }
 
     /// Label of the answer: the effect named first, a small set with the truth, or the verdict that names none.
@@ -220,6 +235,34 @@ pub struct Score {
     pub counts: Vec<Vec<usize>>,
     /// Number of campaigns without an answer.
     pub failed: usize,
+}
+
+impl Score {
+    /// All rates that have trials, with what they are; a name that begins with spaces belongs to the one above.
+    pub fn rates(&self) -> Vec<(String, Rate)> {
+        let mut rows: Vec<(String, Rate)> = vec![("false alarms".into(), self.false_alarms)];
+        rows.extend(self.by_noise.iter().map(|(noise, rate)| (format!("  {noise}"), *rate)));
+        rows.extend(self.by_size.iter().map(|(size, rate)| (format!("right, {size}"), *rate)));
+        rows.extend(
+            [
+                ("right, limited", self.limited),
+                ("both of two", self.both),
+                ("at least one of two", self.either),
+                ("unknown, outside the library", self.outside.unknown),
+                ("  in the right place", self.outside.located),
+                ("  in the span of the search", self.in_span.unknown),
+                ("    in the right place", self.in_span.located),
+                ("  outside that span", self.beyond_span.unknown),
+                ("    in the right place", self.beyond_span.located),
+                ("confidently wrong", self.confidently_wrong),
+                ("held-out residual within bound", self.explained()),
+                ("parameters within 3 standard errors", self.within_three()),
+            ]
+            .map(|(what, rate)| (what.to_string(), rate)),
+        );
+        rows.retain(|(_, rate)| rate.of > 0);
+        rows
+    }
 }
 
 /// Median of the values, the larger of two middle ones; `None` without values.

@@ -20,7 +20,8 @@ mod verification;
 
 use miette::miette;
 
-use page::Section;
+use deltatwin_report::Report;
+use page::{Comparison, Section};
 use runs::Campaign;
 
 /// Limitations of the comparison, independent of the results.
@@ -78,18 +79,47 @@ pub fn sections(campaign: &Campaign, stage: &dyn Fn(&str)) -> miette::Result<Vec
     Ok(all)
 }
 
+const TITLE: &str = "The paper's experiments on the twin";
+const INTRODUCTION: &str = "\
+    Gnad, Gattringer, Müller et al., *Identification of physically consistent dynamics parameters of the ABB IRB \
+    360-6/1600 delta robot*, sections 6.2 to 6.6, repeated as virtual experiments: the twin is commanded, measured with \
+    quantised encoders and noisy torques, and identified from these recordings. Values are estimate ± standard error.";
+const LIMITATIONS: &str = "What cannot be compared";
+
 /// The entire page as Markdown.
 pub fn markdown(sections: &[Section]) -> String {
-    let mut out = String::from(
-        "# The paper's experiments on the twin\n\n\
-         Gnad, Gattringer, Müller et al., *Identification of physically consistent dynamics parameters of the ABB IRB \
-         360-6/1600 delta robot*, sections 6.2 to 6.6, repeated as virtual experiments: the twin is commanded, measured \
-         with quantised encoders and noisy torques, and identified from these recordings. Values are estimate ± standard \
-         error.\n\n",
-    );
+    let mut out = format!("# {TITLE}\n\n{INTRODUCTION}\n\n");
     for section in sections {
         out += &section.markdown();
     }
-    out += &format!("## What cannot be compared\n\n{LIMITS}\n");
+    out += &format!("## {LIMITATIONS}\n\n{LIMITS}\n");
     out
+}
+
+/// The entire page, self-contained.
+pub fn page(sections: &[Section]) -> Report {
+    let mut page = Report::new(TITLE, "");
+    let plain = |text: &str| text.replace("**", "").replace('*', "");
+    let tables = || sections.iter().flat_map(|s| &s.tables);
+    let judged = |(missed, of): (usize, usize), table: &Comparison| {
+        let (misses, count) = table.misses(0);
+        (missed + misses.len(), of + count)
+    };
+    let (missed, of) = tables().fold((0, 0), judged);
+    let printed = tables().flat_map(|t| &t.rows).filter(|row| row.paper.is_some()).count();
+    page.tiles(&[
+        [&format!("{} of {of}", of - missed), "estimates within three standard errors", "of the twin's own values"],
+        [&printed.to_string(), "quantities beside the paper's", "printed in its tables and text"],
+        [&sections.len().to_string(), "of its tables and figures", ""],
+    ]);
+    page.paragraph(&plain(INTRODUCTION));
+    let links: Vec<(String, String)> = sections.iter().map(|s| (s.key.replace('_', "-"), s.title.clone())).collect();
+    page.contents(&links);
+    sections.iter().for_each(|section| section.add_to(&mut page));
+    page.anchored("limits", LIMITATIONS);
+    let (text, items) = LIMITS.split_once("\n\n").unwrap_or((LIMITS, ""));
+    page.paragraph(&plain(text));
+    let items: Vec<String> = items.split("\n").map(|item| plain(item.trim_start_matches("- "))).collect();
+    page.list(&items);
+    page
 }

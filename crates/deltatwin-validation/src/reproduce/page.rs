@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use serde_json::{Value, json};
 
 use deltatwin::text::significant;
-use deltatwin_report::Figure;
+use deltatwin_report::{Callout, Figure, Report};
 
 /// An estimate with an optional standard error.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -122,7 +122,8 @@ impl Comparison {
         }
     }
 
-    fn markdown(&self) -> String {
+    /// Headers and cells of the table.
+    fn cells(&self) -> (Vec<String>, Vec<Vec<String>>) {
         let truth = self.rows.iter().any(|r| r.truth.is_some());
         let paper = self.rows.iter().any(|r| r.paper.is_some());
         let mut header = vec!["quantity".to_string()];
@@ -130,19 +131,27 @@ impl Comparison {
         header.extend(truth.then(|| "twin's truth".into()));
         header.extend(paper.then(|| "paper".into()));
         header.push("unit".into());
+        let number = |x: Option<f64>| x.map_or("–".into(), |x| significant(x, 4));
+        let row = |row: &Row| {
+            let mut cells = vec![row.quantity.clone()];
+            cells.extend(row.ours.iter().map(|e| e.map_or("–".into(), |e| e.text())));
+            cells.extend(truth.then(|| number(row.truth)));
+            cells.extend(paper.then(|| number(row.paper)));
+            cells.push(row.unit.clone());
+            cells
+        };
+        (header, self.rows.iter().map(row).collect())
+    }
+
+    fn markdown(&self) -> String {
+        let (header, rows) = self.cells();
         let last = header.len() - 1;
         let mut out = format!("| {} |\n|", header.join(" | "));
         for k in 0..header.len() {
             out += if k == 0 || k == last { "---|" } else { "---:|" };
         }
         out.push('\n');
-        let number = |x: Option<f64>| x.map_or("–".into(), |x| significant(x, 4));
-        for row in &self.rows {
-            let mut cells = vec![row.quantity.clone()];
-            cells.extend(row.ours.iter().map(|e| e.map_or("–".into(), |e| e.text())));
-            cells.extend(truth.then(|| number(row.truth)));
-            cells.extend(paper.then(|| number(row.paper)));
-            cells.push(row.unit.clone());
+        for cells in rows {
             let _ = writeln!(out, "| {} |", cells.join(" | "));
         }
         out
@@ -205,6 +214,21 @@ impl Section {
             let _ = write!(out, "**Agreement.** {}\n\n", self.agreement);
         }
         out
+    }
+
+    /// Adds the section to a page.
+    pub fn add_to(&self, page: &mut Report) {
+        page.anchored(&self.key.replace('_', "-"), &self.title).paragraph(&self.text);
+        for table in &self.tables {
+            let (header, rows) = table.cells();
+            page.table(&header, &rows);
+        }
+        for plot in &self.plots {
+            page.figure(&plot.figure, &plot.caption);
+        }
+        if !self.agreement.is_empty() {
+            page.callout(Callout::Note, &self.agreement);
+        }
     }
 
     /// Tables and agreement as JSON.

@@ -66,5 +66,9 @@ fn stream(args: &Args, file: &Path) -> miette::Result<u8> {
     } else {
         say(format!("Streamed {} samples", recording.signals.len()))?;
     }
-    Ok(if interrupted() { INTERRUPTED } else { DONE })
+    if !interrupted() {
+        args.viewer.stay();
+        return Ok(DONE);
+    }
+    Ok(INTERRUPTED)
 }

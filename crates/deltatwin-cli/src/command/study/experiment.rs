@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use deltatwin::text::significant;
+use deltatwin_analysis::page::end;
 use deltatwin_io::study::{Factor, Study};
 use deltatwin_report::figure::Rate;
 use deltatwin_report::figure::study::{Banded, ProbabilityCurve, power};
@@ -16,7 +17,7 @@ use serde_json::json;
 
 use super::progress::Progress;
 use super::{Args, COMPLETE, command, merge_help, told};
-use crate::terminal::{Table, path, say, wrapped, write_figure};
+use crate::terminal::{Table, origin_of, path, say, wrapped, write_figure};
 
 /// Confidence of intervals, and the probability of naming at which an effect counts as found.
 const CONFIDENCE: f64 = 0.95;
@@ -205,6 +206,8 @@ fn pictures(
         commands: vec![("The whole study".into(), command(args, ""))],
         ..StudyPage::default()
     };
-    study_page(&content).write(&page).into_diagnostic().wrap_err("the page cannot be written")?;
+    let mut report = study_page(&content);
+    end(&mut report, &origin_of("study", &[("study", &args.study)])?);
+    report.write(&page).into_diagnostic().wrap_err("the page cannot be written")?;
     Ok(files)
 }

@@ -5,12 +5,13 @@ mod causes;
 mod chance;
 mod failure;
 mod hand;
-mod importance;
+pub mod importance;
 mod naming;
 
 use std::path::PathBuf;
 
 use deltatwin::text::significant;
+use deltatwin_analysis::page::{Origin, end};
 use deltatwin_io::study::{Factor, Range};
 use deltatwin_report::{Callout, Figure, KeyNumber, StudyPage, StudySection, study_page};
 use deltatwin_study::campaign::Table;
@@ -19,7 +20,7 @@ use deltatwin_study::statistics::{Ended, Subset, wilson};
 use miette::{IntoDiagnostic, WrapErr};
 
 use super::{Args, command};
-use crate::terminal::write_figure;
+use crate::terminal::{origin_of, write_figure};
 
 /// A figure with the name of its file and its caption.
 pub struct Picture {
@@ -42,6 +43,17 @@ pub struct Shown<'s> {
     pub table: Table,
     /// Column of the margin that the study is about.
     pub margin: String,
+}
+
+impl<'s> Shown<'s> {
+    /// The columns of a finished study.
+    pub fn of(conduct: &'s Conduct) -> miette::Result<Self> {
+        let margin = conduct.columns.headings[conduct.columns.margin].name.clone();
+        let own = (!COLUMNS.contains(&margin.as_str())).then_some(margin.as_str());
+        let names = conduct.study.factors.iter().map(|f| f.name.as_str()).chain(COLUMNS).chain(own);
+        let table = conduct.picked(&names.collect::<Vec<_>>())?;
+        Ok(Self { conduct, table, margin })
+    }
 }
 
 impl Shown<'_> {
@@ -123,11 +135,7 @@ pub fn write(
     summary: &Summary,
     subset: Option<&Subset>,
 ) -> miette::Result<Vec<PathBuf>> {
-    let margin = conduct.columns.headings[conduct.columns.margin].name.clone();
-    let own = (!COLUMNS.contains(&margin.as_str())).then_some(margin.as_str());
-    let names = conduct.study.factors.iter().map(|f| f.name.as_str()).chain(COLUMNS).chain(own);
-    let table = conduct.picked(&names.collect::<Vec<_>>())?;
-    let shown = Shown { conduct, table, margin };
+    let shown = Shown::of(conduct)?;
     let mut sections = Vec::new();
     let mut add =
         |heading: &str, text: String, pictures: Vec<Picture>, table: Option<(Vec<String>, Vec<Vec<String>>)>| {
@@ -178,8 +186,15 @@ pub fn write(
         }
         page.sections.push(StudySection { heading, text, figures, table });
     }
-    study_page(&page).write(&files[0]).into_diagnostic().wrap_err("the page cannot be written")?;
+    let mut page = study_page(&page);
+    end(&mut page, &provenance(args, conduct)?);
+    page.write(&files[0]).into_diagnostic().wrap_err("the page cannot be written")?;
     Ok(files)
+}
+
+/// Command and files of the study.
+fn provenance(args: &Args, conduct: &Conduct) -> miette::Result<Origin> {
+    origin_of("study", &[("study", &args.study), ("scenario", conduct.study.scenario())])
 }
 
 fn subtitle(conduct: &Conduct, summary: &Summary) -> String {

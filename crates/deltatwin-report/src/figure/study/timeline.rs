@@ -2,7 +2,7 @@
 
 use super::super::axis::{Axis, Rect, axes, left_margin, no_data, range};
 use super::super::canvas::{Align, Canvas, Lettering, draw, shorten, text_width};
-use super::super::color::{Color, QUIET, TEXT, WHITE};
+use super::super::color::{Color, QUIET, TEXT};
 use super::super::curve::{Curve, Style, plot};
 use super::super::legend::{Entry, Swatch, head, legend};
 use super::super::numbers::fixed;
@@ -218,7 +218,7 @@ fn panel(c: &mut Canvas, (r, x, y): (Rect, &Axis, &Axis), socket: &SocketTrace, 
         let px = opened.max(r.x0);
         c.bar((px, r.y0), (r.x1, r.y1), Color::RESIDUAL, 0.14);
         if r.x1 - px > 34.0 {
-            c.write("open", (r.x1 - 5.0, r.y1 - 9.0), TICK_SIZE, Color::RESIDUAL, Align::Right);
+            c.write("open", (r.x1 - 5.0, r.y1 - 9.0), TICK_SIZE, TEXT, Align::Right);
         }
     }
     // Only what the panel shows, so that its resolution is used there, and only while the socket is closed.
@@ -278,14 +278,15 @@ fn numbered(c: &mut Canvas, (r, x): (Rect, &Axis), events: &[&FailureEvent], (or
         free = middle + half + 2.0;
         let (y, color) = (r.y0 - 12.0, events[first].kind.color());
         c.bar((middle - half, y - 8.0), (middle + half, y + 8.0), color, 1.0);
-        c.styled(&text, (middle, y), Lettering::new(TICK_SIZE, WHITE, Align::Middle).bold(true));
+        c.styled(&text, (middle, y), Lettering::new(TICK_SIZE, color.ink(), Align::Middle).bold(true));
     }
 }
 
 /// One line of the list of events.
 fn listed(c: &mut Canvas, (k, event): (usize, &FailureEvent), first: Option<f64>, y: f64) {
     c.bar((12.0, y - 7.5), (28.0, y + 7.5), event.kind.color(), 1.0);
-    c.styled(&(k + 1).to_string(), (20.0, y), Lettering::new(TICK_SIZE, WHITE, Align::Middle).bold(true));
+    let ink = event.kind.color().ink();
+    c.styled(&(k + 1).to_string(), (20.0, y), Lettering::new(TICK_SIZE, ink, Align::Middle).bold(true));
     c.write(&format!("{} s", fixed(event.time, 6)), (120.0, y), TICK_SIZE, TEXT, Align::Right);
     if let Some(first) = first {
         let ms = 1e3 * (event.time - first);

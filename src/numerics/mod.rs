@@ -1,6 +1,11 @@
-//! Median and standard deviation of a series, and bisection for the value at which a condition becomes false.
+//! Median and standard deviation of a series, bisection for the value at which a condition becomes false, and the
+//! elementary functions of the twin's innermost loop.
+
+mod elementary;
 
 use std::convert::Infallible;
+
+pub use elementary::{sin_cos, tanh};
 
 use statrs::statistics::{Data, OrderStatistics};
 

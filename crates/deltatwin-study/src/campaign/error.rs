@@ -1,0 +1,92 @@
+//! Reasons why a campaign cannot go on.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use ::parquet::errors::ParquetError;
+use miette::Diagnostic;
+use thiserror::Error;
+
+use super::chunk::Chunk;
+
+/// Why a campaign cannot go on.
+#[derive(Debug, Error, Diagnostic)]
+pub enum CampaignError {
+    /// The file system failed.
+    #[error("{}: {reason}", file.display())]
+    Io {
+        /// The file.
+        file: PathBuf,
+        /// Error of the operating system.
+        reason: io::Error,
+    },
+    /// A file is no table, or not a whole one.
+    #[error("{}: cannot be read as a table: {reason}; expected a Parquet file of a study", file.display())]
+    Content {
+        /// The file.
+        file: PathBuf,
+        /// Error of the reader.
+        reason: ParquetError,
+    },
+    /// Rows of another campaign are in the way.
+    #[error(
+        "{}: belongs to another study: it has the digest {found}, this one {expected}; expected an empty folder or one \
+         of the same study",
+        file.display()
+    )]
+    Foreign {
+        /// The file.
+        file: PathBuf,
+        /// Digest of what is there.
+        found: String,
+        /// Digest of the campaign.
+        expected: String,
+    },
+    /// Another process makes the same chunk.
+    #[error("{}: another process is making this chunk", file.display())]
+    Taken {
+        /// Its journal.
+        file: PathBuf,
+    },
+    /// Parts are missing.
+    #[error("{}: {} of {of} runs are missing, the first is run {first}", folder.display(), .missing)]
+    Incomplete {
+        /// The folder.
+        folder: PathBuf,
+        /// Number of runs without a row.
+        missing: u64,
+        /// Number of runs.
+        of: u64,
+        /// First run without a row.
+        first: u64,
+        /// Chunks to be made, of the number of chunks of which most are there.
+        chunks: Vec<Chunk>,
+    },
+    /// A run cannot be made at all.
+    #[error("run {run}: {reason}")]
+    Run {
+        /// The run.
+        run: u64,
+        /// Why.
+        reason: Box<dyn std::error::Error + Send + Sync>,
+    },
+    /// The watch asked to stop; what was done is kept.
+    #[error("interrupted")]
+    Interrupted,
+}
+
+impl CampaignError {
+    pub(super) fn io(file: &Path) -> impl FnOnce(io::Error) -> Self + '_ {
+        move |reason| Self::Io { file: file.into(), reason }
+    }
+
+    pub(super) fn content(file: &Path) -> impl FnOnce(ParquetError) -> Self + '_ {
+        move |reason| match reason {
+            // The reader wraps errors of the operating system.
+            ParquetError::External(error) if error.is::<io::Error>() => {
+                Self::Io { file: file.into(), reason: io::Error::other(error) }
+            }
+            reason => Self::Content { file: file.into(), reason },
+        }
+    }
+}

@@ -1,0 +1,136 @@
+//! The folder of a campaign: its parts, its table, and how they are written.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use super::chunk::Chunk;
+use super::digest::Digest;
+use super::error::CampaignError;
+use super::parquet::{Reader, Writer};
+use super::table::Heading;
+
+/// Name of the merged table in a campaign's folder.
+pub const TABLE: &str = "runs.parquet";
+/// Folder of the parts in a campaign's folder.
+pub(super) const PARTS: &str = "parts";
+/// Keys of the metadata of parts and tables.
+const DIGEST: &str = "digest";
+pub(super) const FIRST: &str = "first_run";
+
+/// A campaign: runs 0 to `runs`, one row each, in a folder.
+pub struct Campaign {
+    /// Folder of the parts and the table.
+    pub folder: PathBuf,
+    /// Digest of all that determines the rows.
+    pub digest: Digest,
+    /// Headings of the rows.
+    pub headings: Vec<Heading>,
+    /// Further metadata of the table.
+    pub metadata: Vec<(String, String)>,
+}
+
+/// What a folder holds of a campaign.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Held {
+    /// Nothing, or parts.
+    Open,
+    /// The whole table.
+    Table,
+}
+
+impl Campaign {
+    /// The merged table.
+    pub fn table(&self) -> PathBuf {
+        self.folder.join(TABLE)
+    }
+
+    /// The part of a chunk.
+    pub fn part(&self, chunk: Chunk) -> PathBuf {
+        self.folder.join(PARTS).join(format!("{}.parquet", chunk.stem()))
+    }
+
+    pub(super) fn journal(&self, chunk: Chunk) -> PathBuf {
+        self.folder.join(PARTS).join(format!(".{}.journal", chunk.stem()))
+    }
+
+    /// What the folder holds of this campaign.
+    ///
+    /// # Errors
+    /// If its table is of another campaign or cannot be read.
+    pub fn held(&self) -> Result<Held, CampaignError> {
+        let table = self.table();
+        if !table.is_file() {
+            return Ok(Held::Open);
+        }
+        self.own(&table)?;
+        Ok(Held::Table)
+    }
+
+    /// A table of this campaign.
+    pub(super) fn own(&self, file: &Path) -> Result<Reader, CampaignError> {
+        let reader = Reader::open(file).map_err(CampaignError::content(file))?;
+        let found = reader.metadata().iter().find(|(key, _)| key == DIGEST).map_or("", |(_, value)| value);
+        let expected = self.digest.hex();
+        if found != expected || reader.headings() != self.headings {
+            return Err(CampaignError::Foreign { file: file.into(), found: found.into(), expected });
+        }
+        Ok(reader)
+    }
+
+    /// Removes table, parts and journals, of whatever campaign.
+    ///
+    /// # Errors
+    /// If they cannot be removed.
+    pub fn clear(&self) -> Result<(), CampaignError> {
+        let parts = self.folder.join(PARTS);
+        for (path, there) in [(self.table(), self.table().is_file()), (parts.clone(), parts.is_dir())] {
+            if there {
+                let gone = if path.is_dir() { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) };
+                gone.map_err(CampaignError::io(&path))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Removes the parts, which the table holds.
+    ///
+    /// # Errors
+    /// If they cannot be removed.
+    pub fn remove_parts(&self) -> Result<(), CampaignError> {
+        let parts = self.folder.join(PARTS);
+        if parts.is_dir() && self.table().is_file() {
+            std::fs::remove_dir_all(&parts).map_err(CampaignError::io(&parts))?;
+        }
+        Ok(())
+    }
+
+    /// Writes a table under a temporary name, forces it to the disk and gives it its name.
+    pub(super) fn write(
+        &self,
+        file: &Path,
+        metadata: &[(String, String)],
+        rows: impl FnOnce(&mut Writer<&mut BufWriter<File>>) -> Result<(), CampaignError>,
+    ) -> Result<(), CampaignError> {
+        let folder = file.parent().unwrap_or(&self.folder);
+        let name = file.file_name().unwrap_or_default().to_string_lossy();
+        // One name per table, so that no kill leaves more than one file, which the next attempt takes.
+        let temporary = folder.join(format!(".{name}.writing"));
+        let mut out = BufWriter::new(File::create(&temporary).map_err(CampaignError::io(&temporary))?);
+        let mut all = self.metadata.clone();
+        all.push((DIGEST.into(), self.digest.hex()));
+        all.extend(metadata.iter().cloned());
+        let mut writer = Writer::new(&mut out, &self.headings, &all).map_err(CampaignError::content(&temporary))?;
+        rows(&mut writer)?;
+        writer.finish().map_err(CampaignError::content(&temporary))?;
+        let kept = || -> io::Result<()> {
+            out.flush()?;
+            out.get_ref().sync_all()?;
+            std::fs::rename(&temporary, file)?;
+            // The name is on the disk once the folder is.
+            if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
+        };
+        let mut kept = kept;
+        kept().map_err(CampaignError::io(file))
+    }
+}

@@ -1,0 +1,148 @@
+//! Campaigns in a temporary folder: chunks, interruptions, what is missing.
+
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use super::table::Kind;
+use super::*;
+
+struct Silent(AtomicU64, u64);
+
+impl Watch for Silent {
+    fn row(&self, _: &[Value], anew: bool) {
+        self.0.fetch_add(u64::from(anew), Ordering::Relaxed);
+    }
+
+    fn stop(&self) -> bool {
+        self.0.load(Ordering::Relaxed) >= self.1
+    }
+}
+
+fn watch(most: u64) -> Silent {
+    Silent(AtomicU64::new(0), most)
+}
+
+fn campaign(folder: &Path) -> Campaign {
+    let headings = vec![Heading::new("run", "1", Kind::Integer), Heading::new("x", "m", Kind::Float)];
+    let digest = Digest::of([("test", &b"1"[..])]);
+    Campaign { folder: folder.into(), digest, headings, metadata: vec![("study".into(), "text".into())] }
+}
+
+fn work(run: u64) -> Row {
+    Ok(vec![Value::Integer(run as i64), Value::Float((run as f64).sin())])
+}
+
+fn merged(runs: u64, chunks: &[(u64, u64)]) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let campaign = campaign(folder.path());
+    for (number, of) in chunks {
+        let chunk = Chunk::new(*number, *of).unwrap();
+        campaign.chunk(chunk, runs, &work, &watch(u64::MAX)).unwrap();
+    }
+    assert_eq!(campaign.merge(Some(runs)).unwrap(), runs);
+    assert_eq!(campaign.held().unwrap(), Held::Table);
+    std::fs::read(campaign.table()).unwrap()
+}
+
+#[test]
+fn the_table_does_not_depend_on_the_chunks() {
+    for runs in [0, 5, 9000] {
+        let one = merged(runs, &[(1, 1)]);
+        assert_eq!(one, merged(runs, &[(2, 2), (1, 2)]));
+        assert_eq!(one, merged(runs, &[(7, 7), (1, 7), (2, 7), (6, 7), (3, 7), (5, 7), (4, 7)]));
+        // Halves and thirds that overlap.
+        assert_eq!(one, merged(runs, &[(1, 2), (2, 3), (3, 3)]));
+    }
+}
+
+#[test]
+fn a_stopped_chunk_goes_on_where_it_was() {
+    let whole = merged(500, &[(1, 1)]);
+    let folder = tempfile::tempdir().unwrap();
+    let campaign = campaign(folder.path());
+    let mut made = 0;
+    loop {
+        let watch = watch(37);
+        let end = campaign.chunk(Chunk::WHOLE, 500, &work, &watch);
+        made += watch.0.load(Ordering::Relaxed);
+        match end {
+            Ok(()) => break,
+            Err(CampaignError::Interrupted) => assert!(!campaign.part(Chunk::WHOLE).exists()),
+            Err(e) => panic!("{e}"),
+        }
+    }
+    assert_eq!(made, 500);
+    campaign.merge(Some(500)).unwrap();
+    assert_eq!(std::fs::read(campaign.table()).unwrap(), whole);
+}
+
+#[test]
+fn what_is_missing_or_foreign_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let campaign = campaign(folder.path());
+    for number in [1, 2, 4] {
+        campaign.chunk(Chunk::new(number, 4).unwrap(), 10, &work, &watch(u64::MAX)).unwrap();
+    }
+    match campaign.merge(Some(10)) {
+        Err(CampaignError::Incomplete { missing: 2, of: 10, first: 5, chunks, .. }) => {
+            assert_eq!(chunks, [Chunk::new(3, 4).unwrap()]);
+        }
+        other => panic!("{other:?}"),
+    }
+    let other = Campaign { digest: Digest::of([]), ..self::campaign(folder.path()) };
+    assert!(matches!(other.merge(Some(10)), Err(CampaignError::Foreign { .. })));
+    let chunk = Chunk::new(1, 4).unwrap();
+    assert!(matches!(other.chunk(chunk, 10, &work, &watch(9)), Err(CampaignError::Foreign { .. })));
+    std::fs::write(campaign.part(Chunk::new(3, 4).unwrap()), "PAR1").unwrap();
+    assert!(matches!(campaign.merge(Some(10)), Err(CampaignError::Content { .. })));
+    other.clear().unwrap();
+    assert!(matches!(campaign.merge(Some(10)), Err(CampaignError::Incomplete { missing: 10, .. })));
+}
+
+#[test]
+fn an_error_of_a_run_ends_the_chunk_and_keeps_the_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let campaign = campaign(folder.path());
+    let broken = |run: u64| if run == 7 { Err("no disk".into()) } else { work(run) };
+    let end = campaign.chunk(Chunk::WHOLE, 100, &broken, &watch(u64::MAX));
+    assert!(matches!(end, Err(CampaignError::Run { run: 7, .. })), "{end:?}");
+    campaign.chunk(Chunk::WHOLE, 100, &work, &watch(u64::MAX)).unwrap();
+    assert_eq!(campaign.merge(Some(100)).unwrap(), 100);
+}
+
+#[test]
+fn a_sequence_takes_its_rows_from_the_journal() {
+    // Each run depends on the one before: x ← sin(x + run).
+    let folder = tempfile::tempdir().unwrap();
+    let campaign = campaign(folder.path());
+    let search = |steps: &mut Steps| -> Result<(), CampaignError> {
+        let mut x = 0.5;
+        for _ in 0..40 {
+            let rows = steps.batch(3, &|run, k| {
+                Ok(vec![Value::Integer(run as i64), Value::Float(f64::sin(x + run as f64 + k as f64))])
+            })?;
+            x = rows[2][1].number().unwrap();
+        }
+        Ok(())
+    };
+    let mut stops = 0;
+    while let Err(e) = campaign.sequence(&watch(20), search) {
+        assert!(matches!(e, CampaignError::Interrupted));
+        stops += 1;
+    }
+    assert!(stops > 3);
+    assert_eq!(campaign.merge(None).unwrap(), 120);
+    let folder = tempfile::tempdir().unwrap();
+    let whole = self::campaign(folder.path());
+    whole.sequence(&watch(u64::MAX), search).unwrap();
+    whole.merge(None).unwrap();
+    assert_eq!(std::fs::read(campaign.table()).unwrap(), std::fs::read(whole.table()).unwrap());
+}
+
+/// The caller is the only thread that could make the runs.
+#[test]
+fn a_chunk_is_made_within_a_pool_of_one_thread() {
+    let whole = merged(300, &[(1, 1)]);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    assert_eq!(pool.install(|| merged(300, &[(1, 1)])), whole);
+}
