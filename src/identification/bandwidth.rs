@@ -18,8 +18,9 @@ use crate::machine::{Joint, Mechanism};
 const CUT_OFFS: (f64, f64) = (3.0, 1.26);
 /// Highest cut-off tried, relative to the sampling frequency.
 const HIGHEST: f64 = 0.4;
-/// Ratio of the mean squares left with the cut-off to those without, from which it is used.
-const MATTERS: f64 = 0.97;
+/// Ratio of the mean squares left with the cut-off to those without, from which it is used: smaller gains may be those of
+/// reversals, which a filter blurs in other recordings.
+const MATTERS: f64 = 0.9;
 /// Twice the logarithm of the likelihood ratio from which it is used.
 const CLEAR: f64 = 2.0;
 /// Steepness of friction's change of sign, relative to the reciprocal of the RMS speed.
