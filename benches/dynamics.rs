@@ -19,6 +19,7 @@ use deltatwin::machine::bodies::BODIES;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin::twin::maximal::MaximalCoordinates;
 use deltatwin::twin::{Checkpoint, Options, Torque, Twin, simulate};
+use deltatwin_io::{model, scenario};
 use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -145,6 +146,25 @@ fn closed_loop(c: &mut Criterion) {
     group.finish();
 }
 
+/// Runs in which sockets leave their balls: 0.8 s and 1 s, most of it after the breakage, with contacts.
+fn broken(c: &mut Criterion) {
+    let mut group = c.benchmark_group("after a breakage");
+    group.sample_size(10);
+    for name in ["crash", "worn-sockets"] {
+        let scenario = scenario::read(&common::root().join(format!("scenarios/{name}.toml"))).expect("a scenario");
+        let machine = model::read(&scenario.model).expect("a model");
+        let planning = model::read(scenario.controller_model.as_ref().expect("a name")).expect("a model");
+        let motion = scenario.motion(&planning).expect("a motion");
+        let believed = Plant::new(&planning, &scenario.setup);
+        let options = Options { contacts: Some(deltatwin_cell::contacts), ..Options::of(&scenario, &machine) };
+        let desired = |t| motion.at(t);
+        group.bench_function(name, |b| {
+            b.iter(|| simulate(&machine, &scenario.setup, &believed, &desired, &options, &mut |_| true).expect("a run"))
+        });
+    }
+    group.finish();
+}
+
 /// 50 000 quantised samples of four axes, on one core.
 fn derivatives(c: &mut Criterion) {
     let nominal = common::model("irb360-6-1600");
@@ -162,5 +182,5 @@ fn derivatives(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, kinematics, dynamics, twin, closed_loop, maximal, derivatives);
+criterion_group!(benches, kinematics, dynamics, twin, closed_loop, broken, maximal, derivatives);
 criterion_main!(benches);

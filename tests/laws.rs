@@ -81,7 +81,7 @@ fn power(plant: &Plant, active: &ActiveEffect, motion: &Motion, loads: &Output) 
     active.effect.wrenches_along(
         &active.values(),
         &at,
-        &mut Wrenches::new(&mut |k, body, force, moment| {
+        &mut Wrenches::new(at.motion, &mut |k, body, force, moment| {
             let m = &motion.bodies[body];
             let part = active.values[k] * (force.dot(&m.velocity) + moment.dot(&m.angular_velocity));
             sum += part;
@@ -144,7 +144,7 @@ fn effects_act_on_nothing_but_the_parts_they_name() {
             Part::Axis4 => b == ROTOR,
             // Weight is checked below: every body, in proportion to its mass.
             Part::Weight => true,
-            Part::Linkage => b <= END_EFFECTOR,
+            Part::Linkage | Part::TurningArms => b <= END_EFFECTOR,
             Part::Telescope => b >= END_EFFECTOR,
             Part::TurningAxis => b == 0,
         };
@@ -161,7 +161,7 @@ fn effects_act_on_nothing_but_the_parts_they_name() {
         effect.wrenches(
             &active.values(),
             &at,
-            &mut Wrenches::new(&mut |k, b, force, _| {
+            &mut Wrenches::new(at.motion, &mut |k, b, force, _| {
                 refuse(b);
                 forces.push((k, b, force));
             }),
@@ -253,9 +253,9 @@ fn drive_torques(plant: &Plant, active: &ActiveEffect, motion: &Motion, torque: 
     active.effect.wrenches(
         &active.values(),
         &instant(plant, motion, &reactions, torque, state),
-        &mut Wrenches::new(&mut |k, body, _, moment| {
-            for (axis, sum) in sum.iter_mut().enumerate().filter(|(axis, _)| Motion::drive(*axis).0 == body) {
-                *sum += active.values[k] * moment.dot(&Motion::drive(axis).1);
+        &mut Wrenches::new(motion, &mut |k, body, force, moment| {
+            for (axis, sum) in sum.iter_mut().enumerate().filter(|(axis, _)| Motion::driven(*axis) == body) {
+                *sum += active.values[k] * motion.drive(axis).1.effort(&(force, moment));
             }
         }),
     );

@@ -7,7 +7,7 @@ use deltatwin::effects::{ActiveEffect, REGISTRY, Role, find};
 use deltatwin::identification::{Dataset, Estimate, Fit, fit};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::bodies::END_EFFECTOR;
-use deltatwin::machine::{AXES, Configuration, Part, Payload, Setup, Unit};
+use deltatwin::machine::{AXES, Configuration, Mechanism, Part, Payload, Setup, Unit};
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
@@ -47,6 +47,11 @@ pub(crate) fn turntable() -> Model {
     model::parse(&text, std::path::Path::new("models/turntable.toml")).unwrap()
 }
 
+/// A small payload beside the centre line.
+fn small_payload() -> Setup {
+    Setup { payload: Payload::new(0.1, [0.008, -0.004, -0.01], 2e-5), ..Setup::default() }
+}
+
 /// Every kind of machine that is not the assembled robot with telescope.
 fn machines() -> Vec<(Model, Setup)> {
     vec![
@@ -54,6 +59,8 @@ fn machines() -> Vec<(Model, Setup)> {
         (model("irb360-6-1600"), disassembled()),
         (model("clavel-delta"), payload()),
         (model("clavel-delta"), disassembled()),
+        (model("linear-delta"), small_payload()),
+        (model("linear-delta"), disassembled()),
         (model("servo-axis"), Setup::default()),
         (turntable(), Setup::default()),
     ]
@@ -91,7 +98,11 @@ pub(crate) fn run(
 fn joints(plant: &Plant, rng: &mut ChaCha8Rng) -> JointState {
     let mut joints = JointState::default();
     for i in 0..plant.mechanism.axes() {
-        joints.q[i] = rng.random_range(-0.35..0.35);
+        let [low, high] = match plant.mechanism {
+            Mechanism::LINEAR_DELTA => [0.05, 0.15],
+            _ => [-0.35, 0.35],
+        };
+        joints.q[i] = rng.random_range(low..high);
         joints.qd[i] = rng.random_range(-2.0..2.0);
         joints.qdd[i] = rng.random_range(-20.0..20.0);
     }

@@ -24,6 +24,7 @@ mod cost;
 mod derivatives;
 mod dislocation;
 mod energy;
+mod family;
 mod formula;
 mod formulations;
 mod identification;

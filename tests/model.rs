@@ -177,7 +177,7 @@ fn a_lone_axis_is_a_mass_or_an_inertia() {
 #[test]
 fn a_delta_robot_without_telescope_describes_none() {
     let m = parse(&text_of("clavel-delta")).unwrap();
-    assert_eq!(m.mechanism, Mechanism::Delta { telescope: false });
+    assert_eq!(m.mechanism, Mechanism::delta(false));
     assert!(m.assembled && m.noise.torque[3] == 0.0 && m.drives[3].max_torque == 0.0);
     for (old, new, said) in [
         ("flange_height", "upper_hooke_height = 0.0\nflange_height", "unknown key"),

@@ -12,7 +12,7 @@ use deltatwin_io::scenario;
 
 use crate::common::{model, root};
 
-const MACHINE: Mechanism = Mechanism::Delta { telescope: true };
+const MACHINE: Mechanism = Mechanism::delta(true);
 /// Duration of a run, s: two periods of its motion.
 const RUN: f64 = 20.0;
 

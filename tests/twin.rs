@@ -133,9 +133,9 @@ fn what_the_joints_must_carry_is_in_the_range_of_the_constraint_jacobian() {
         let w = joints.qd[3];
         let axis4 = -0.5272 * (100.0 * w).tanh() - 0.6672 * (w / 8.5919).tanh();
         for (i, f) in friction.chain([axis4]).enumerate() {
-            let (body, axis) = Motion::drive(i);
+            let (body, screw) = motion.drive(i);
             let mut m = demand.fixed_rows_mut::<3>(6 * body + 3);
-            m -= axis * (tau[i] + f);
+            m -= screw.angular * (tau[i] + f);
         }
         let g = constraint_jacobian(&plant, &motion);
         let svd = g.transpose().svd(true, true);

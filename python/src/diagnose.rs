@@ -149,7 +149,7 @@ impl Diagnosis {
 fn pictures(before: &model::Model, after: &model::Model, dataset: &Dataset, noise: &[f64]) -> PyResult<String> {
     let stages = [Stage { name: "before", model: before }, Stage { name: "after", model: after }];
     let figures = residual::figures(&stages, dataset, noise).map_err(|e| PyValueError::new_err(e.to_string()))?;
-    Ok(figures.get(1).map_or(String::new(), |(figure, _)| figure.svg().into()))
+    Ok(figures.get(1).map_or(String::new(), |(_, figure)| figure.svg().into()))
 }
 
 /// Result of an addition.

@@ -182,7 +182,7 @@ impl Comparison {
     fn svg(&self) -> PyResult<String> {
         let stage = [Stage { name: "model", model: &self.model }];
         let figures = residual::figures(&stage, &self.dataset, &self.inner.noise_floor).map_err(|e| failed(&e))?;
-        Ok(figures.get(1).map_or(String::new(), |(figure, _)| figure.svg().into()))
+        Ok(figures.get(1).map_or(String::new(), |(_, figure)| figure.svg().into()))
     }
 
     fn __repr__(&self) -> String {

@@ -156,8 +156,9 @@ impl Recording {
         let axes = if shape.len() == 1 { 1 } else { *shape.last().unwrap_or(&0) };
         let mechanism = match axes {
             1 => Mechanism::Axis(Axis::from(if prismatic { Joint::Prismatic } else { Joint::Revolute })),
-            3 => Mechanism::Delta { telescope: false },
-            4 => Mechanism::Delta { telescope: true },
+            3 if prismatic => Mechanism::LINEAR_DELTA,
+            3 => Mechanism::delta(false),
+            4 => Mechanism::delta(true),
             other => {
                 return Err(errors::data_error(py, format!("q has {other} columns; expected 1, 3 or 4 axes")));
             }

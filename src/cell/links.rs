@@ -1,10 +1,14 @@
 //! Dimensions of the link shapes, for collision and display, and the cylinders that show the links elsewhere.
 
-use crate::machine::Geometry;
 use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{Actuator, Geometry};
 
 /// Radius of an arm's tube, m; estimated from pictures.
 pub const ARM_RADIUS: f64 = 0.03;
+/// Length of a carriage along its guide, m; estimated.
+pub const CARRIAGE_LENGTH: f64 = 0.04;
+/// Radius of a carriage, m; estimated.
+pub const CARRIAGE_RADIUS: f64 = 0.01;
 /// Distance between the end of the arm's tube and the ball line, where the struts are, m; estimated.
 pub const ARM_TRIM: f64 = 0.06;
 /// Radius of the balls, m; CAD.
@@ -67,7 +71,13 @@ impl Cylinder {
 pub fn cylinder(geometry: &Geometry, body: usize) -> Option<Cylinder> {
     let shortest = geometry.telescope_limits[0];
     Some(match body {
-        ARM..STRUT => Cylinder::along_x(geometry.arm_length, ARM_RADIUS),
+        ARM..STRUT => match geometry.arms {
+            Actuator::Revolute => Cylinder::along_x(geometry.arm_length, ARM_RADIUS),
+            Actuator::Prismatic { .. } => Cylinder {
+                radius: CARRIAGE_RADIUS,
+                ends: [[-CARRIAGE_LENGTH / 2.0, 0.0, 0.0], [CARRIAGE_LENGTH / 2.0, 0.0, 0.0]],
+            },
+        },
         STRUT..PLATFORM => Cylinder::along_x(geometry.strut_length[(body - STRUT) / 2], STRUT_RADIUS),
         PLATFORM => {
             let radius = (geometry.platform_radius - PLATFORM_INSET).max(0.5 * geometry.platform_radius);

@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 use super::links::{Cylinder, cylinder};
 use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name};
-use crate::machine::{ARMS, Geometry, STRUTS};
+use crate::machine::{ARMS, Actuator, Geometry, STRUTS};
 use crate::model::Model;
 
 /// Name of the link at the inertial frame.
@@ -28,33 +28,37 @@ pub fn urdf(model: &Model) -> Option<String> {
         out.link(&arm, cylinder(g, ARM + i));
         let shaft = Geometry::radial(i) * g.base_radius;
         let limits = (g.arm_limits, &model.drives[i]);
-        out.joint(&format!("axis{}", i + 1), "revolute", [BASE, &arm], shaft.into(), Geometry::azimuth(i));
-        out.axis([0.0, 1.0, 0.0], Some(limits));
+        let (kind, pitch, axis) = match g.arms {
+            Actuator::Revolute => ("revolute", 0.0, [0.0, 1.0, 0.0]),
+            Actuator::Prismatic { inclination } => ("prismatic", inclination, [1.0, 0.0, 0.0]),
+        };
+        out.joint(&format!("axis{}", i + 1), kind, [BASE, &arm], shaft.into(), [pitch, Geometry::azimuth(i)]);
+        out.axis(axis, Some(limits));
     }
     for s in 0..STRUTS {
         let (limb, strut) = (s / (STRUTS / ARMS), body_name(STRUT + s));
         out.link(&strut, cylinder(g, STRUT + s));
         let elbow = [g.arm_length, g.pair_offset(s), 0.0];
-        out.joint(&format!("elbow{}", s + 1), "floating", [&body_name(ARM + limb), &strut], elbow, 0.0);
+        out.joint(&format!("elbow{}", s + 1), "floating", [&body_name(ARM + limb), &strut], elbow, [0.0; 2]);
         out.end();
     }
     let platform = body_name(PLATFORM);
     out.link(&platform, cylinder(g, PLATFORM));
-    out.joint("translation", "floating", [BASE, &platform], [0.0; 3], 0.0);
+    out.joint("translation", "floating", [BASE, &platform], [0.0; 3], [0.0; 2]);
     out.end();
     if !g.has_telescope() {
         return Some(out.finish());
     }
     let effector = body_name(END_EFFECTOR);
     out.link(&effector, cylinder(g, END_EFFECTOR));
-    out.joint("axis4", "continuous", [&platform, &effector], [0.0, 0.0, g.flange_height], 0.0);
+    out.joint("axis4", "continuous", [&platform, &effector], [0.0, 0.0, g.flange_height], [0.0; 2]);
     out.axis([0.0, 0.0, 1.0], None);
     let (upper, lower) = (body_name(TELESCOPE_UPPER), body_name(TELESCOPE_LOWER));
     out.link(&upper, cylinder(g, TELESCOPE_UPPER));
-    out.joint("hooke_upper", "floating", [BASE, &upper], [0.0, 0.0, g.upper_hooke_height], 0.0);
+    out.joint("hooke_upper", "floating", [BASE, &upper], [0.0, 0.0, g.upper_hooke_height], [0.0; 2]);
     out.end();
     out.link(&lower, cylinder(g, TELESCOPE_LOWER));
-    out.joint("hooke_lower", "floating", [&platform, &lower], [0.0, 0.0, g.lower_hooke_height], 0.0);
+    out.joint("hooke_lower", "floating", [&platform, &lower], [0.0, 0.0, g.lower_hooke_height], [0.0; 2]);
     out.end();
     Some(out.finish())
 }
@@ -87,9 +91,17 @@ impl Tree {
         self.line(format_args!("  </link>"));
     }
 
-    fn joint(&mut self, name: &str, kind: &str, [parent, child]: [&str; 2], [x, y, z]: [f64; 3], yaw: f64) {
+    /// Begins a joint at `x`, `y`, `z` (m) with pitch and yaw (rad) in the frame of its parent.
+    fn joint(
+        &mut self,
+        name: &str,
+        kind: &str,
+        [parent, child]: [&str; 2],
+        [x, y, z]: [f64; 3],
+        [pitch, yaw]: [f64; 2],
+    ) {
         self.line(format_args!("  <joint name=\"{name}\" type=\"{kind}\">"));
-        self.line(format_args!("    <origin xyz=\"{x} {y} {z}\" rpy=\"0 0 {yaw}\"/>"));
+        self.line(format_args!("    <origin xyz=\"{x} {y} {z}\" rpy=\"0 {pitch} {yaw}\"/>"));
         self.line(format_args!("    <parent link=\"{parent}\"/>"));
         self.line(format_args!("    <child link=\"{child}\"/>"));
     }

@@ -5,8 +5,8 @@ use nalgebra::Vector3;
 use super::{Loads, Multipliers, Statics};
 use crate::dynamics::{Plant, Twist, borne, rigid_wrenches};
 use crate::kinematics::{KinematicsError, Motion};
+use crate::machine::STRUTS;
 use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{Geometry, STRUTS};
 
 /// Detail of the loads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -61,7 +61,7 @@ impl Loads {
             end_effector: wrenches[END_EFFECTOR],
             platform: wrenches[PLATFORM],
             struts: std::array::from_fn(|s| wrenches[STRUT + s].0.dot(&motion.strut_axis[s])),
-            arms: std::array::from_fn(|i| wrenches[ARM + i].1.dot(&Geometry::tangential(i))),
+            arms: std::array::from_fn(|i| motion.drive(i).1.effort(&wrenches[ARM + i])),
         };
         if detail == Detail::Reduced {
             return loads;
@@ -75,7 +75,7 @@ impl Loads {
             loads.platform.0 += lower;
             loads.platform.1 += ball.cross(&lower);
             let lever = body.position - motion.bodies[ARM + s / 2].position;
-            loads.arms[s / 2] += lever.cross(&upper).dot(&Geometry::tangential(s / 2));
+            loads.arms[s / 2] += motion.drive(s / 2).1.effort(&(upper, lever.cross(&upper)));
         }
         let (force, moment) = wrenches[TELESCOPE_LOWER];
         let moment = moment + wrenches[TELESCOPE_UPPER].1;

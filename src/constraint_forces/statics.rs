@@ -10,7 +10,7 @@ use super::{MULTIPLIERS, Multipliers};
 use crate::dynamics::Twist;
 use crate::kinematics::{KinematicsError, Motion};
 use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT};
-use crate::machine::{ARMS, Geometry, STRUTS};
+use crate::machine::{ARMS, STRUTS};
 
 /// Loads w = W − M V̇ − C M V on the reduced velocities: applied minus inertial.
 #[derive(Clone, Copy, Debug)]
@@ -40,7 +40,7 @@ pub struct Statics {
     pair: [Vector3<f64>; ARMS],
     /// Half the vector between the balls of a pair, m.
     half: [Vector3<f64>; ARMS],
-    /// Torque about the motor axis per unit of force along a strut at the elbow, m.
+    /// Torque about the motor axis (m), or force along the guide (1), per unit of force along a strut at the elbow.
     lever: [f64; ARMS],
     /// Inverse that maps the platform's force to the sum of the forces of each pair.
     sums: Matrix3<f64>,
@@ -73,7 +73,7 @@ impl Statics {
             half,
             lever: std::array::from_fn(|i| {
                 let lever = motion.bodies[STRUT + 2 * i].position - motion.bodies[ARM + i].position;
-                lever.cross(&axis[i]).dot(&Geometry::tangential(i))
+                motion.drive(i).1.effort(&(axis[i], lever.cross(&axis[i])))
             }),
             sums: invert(&axis)?,
             differences: invert(&std::array::from_fn(|i| half[i].cross(&axis[i])))?,

@@ -154,7 +154,7 @@ impl ChannelMap {
                 spread(motion, &arms, rotor, &platform)
             } else {
                 let mut xi = [STILL; BODIES];
-                set_drives(&mut xi, &arms, rotor);
+                set_drives(&mut xi, motion, &arms, rotor);
                 xi
             };
             if let Channel::StrutUpper(s) = channel {
@@ -197,9 +197,10 @@ fn strut_vector(motion: &Motion, s: usize) -> Vector3<f64> {
     motion.strut_axis[s] * motion.strut_length[s]
 }
 
-fn set_drives(xi: &mut [Twist; BODIES], arms: &[f64; ARMS], rotor: f64) {
+fn set_drives(xi: &mut [Twist; BODIES], motion: &Motion, arms: &[f64; ARMS], rotor: f64) {
     for (i, rate) in arms.iter().enumerate() {
-        xi[ARM + i].1 = Geometry::tangential(i) * *rate;
+        let (body, screw) = motion.drive(i);
+        xi[body] = (screw.linear * *rate, screw.angular * *rate);
     }
     xi[ROTOR].1 = Vector3::z() * rotor;
 }
@@ -207,12 +208,12 @@ fn set_drives(xi: &mut [Twist; BODIES], arms: &[f64; ARMS], rotor: f64) {
 /// Twists of all bodies for given arm rates, rotor rate and platform twist; struts do not spin.
 pub(crate) fn spread(motion: &Motion, arms: &[f64; ARMS], rotor: f64, platform: &Twist) -> [Twist; BODIES] {
     let mut xi = [STILL; BODIES];
-    set_drives(&mut xi, arms, rotor);
+    set_drives(&mut xi, motion, arms, rotor);
     let (v, omega) = *platform;
     for s in 0..STRUTS {
         let body = &motion.bodies[STRUT + s];
         let arm = ARM + s / 2;
-        let upper = xi[arm].1.cross(&(body.position - motion.bodies[arm].position));
+        let upper = xi[arm].0 + xi[arm].1.cross(&(body.position - motion.bodies[arm].position));
         let lower = v + omega.cross(&platform_ball(motion, s));
         let axis = &motion.strut_axis[s];
         xi[STRUT + s] = (upper, axis.cross(&(lower - upper)) / motion.strut_length[s]);

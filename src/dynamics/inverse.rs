@@ -246,7 +246,7 @@ pub(crate) fn add_regressor(
     active.effect.wrenches_along(
         &values,
         &at,
-        &mut Wrenches::new(&mut |k, body, force, moment| add(k, body, &force, &moment, 1.0)),
+        &mut Wrenches::new(motion, &mut |k, body, force, moment| add(k, body, &force, &moment, 1.0)),
     );
     if rows.iter().all(|x| x.is_finite()) {
         return Ok(());

@@ -84,7 +84,7 @@ impl Plant {
         let (carrier, inertia) = self.carrier(END_EFFECTOR, bodies[END_EFFECTOR]);
         bodies[END_EFFECTOR] = Inertia::ZERO;
         bodies[carrier] += inertia;
-        if matches!(self.mechanism, Mechanism::Delta { telescope: false }) {
+        if matches!(self.mechanism, Mechanism::Delta { telescope: false, .. }) {
             // Placeholder for motor 4, which never moves here; keeps the mass matrix regular.
             bodies[ROTOR] = Inertia::diagonal(0.0, [0.0; 3], [1.0; 3]);
         }

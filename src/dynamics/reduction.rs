@@ -14,7 +14,7 @@ use crate::machine::{ARMS, Geometry, STRUTS};
 /// Generalised forces of arms, rotor of axis 4 and platform.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Reduced {
-    /// Moments about the motor axes, N·m.
+    /// Moments about the motor axes, N·m, or forces along the guides, N.
     arms: [f64; ARMS],
     /// Moment about z, N·m.
     rotor: f64,
@@ -73,7 +73,8 @@ impl<'a> Reduction<'a> {
         let motion = self.motion;
         let mut sum = Reduced { rotor: wrenches[ROTOR].1.z, ..Reduced::default() };
         for (i, arm) in sum.arms.iter_mut().enumerate() {
-            *arm = wrenches[ARM + i].1.dot(&Geometry::tangential(i));
+            let (body, screw) = motion.drive(i);
+            *arm = screw.effort(&wrenches[body]);
         }
         if !self.assembled {
             return sum;
@@ -85,7 +86,8 @@ impl<'a> Reduction<'a> {
             // ω = u × (v_lower − v_upper)/ℓ: a moment is equivalent to a pair of forces at the ends.
             let pair = moment.cross(&motion.strut_axis[s]) / motion.strut_length[s];
             let lever = strut.position - motion.bodies[ARM + arm].position;
-            sum.arms[arm] += Geometry::tangential(arm).dot(&lever.cross(&(force - pair)));
+            let upper = force - pair;
+            sum.arms[arm] += motion.drive(arm).1.effort(&(upper, lever.cross(&upper)));
             sum.force += pair;
             sum.moment += platform_ball(motion, s).cross(&pair);
         }

@@ -45,7 +45,6 @@ impl Effect for AxisGravity {
 mod tests {
     use super::*;
     use crate::effects::testing;
-    use crate::kinematics::Motion;
 
     #[test]
     fn a_kilogram_at_a_tenth_of_a_metre() {
@@ -55,8 +54,8 @@ mod tests {
         for (beyond, torque) in [(0.0, 0.0), (90.0, -weight), (180.0, 0.0), (-90.0, weight), (30.0, -0.5 * weight)] {
             let mut motion = testing::still();
             motion.q[0] = lowest + f64::to_radians(beyond);
-            let (body, direction) = Motion::drive(0);
-            let total = testing::totals(&AxisGravity, &blocks, &motion)[body].1.dot(&direction);
+            let (body, screw) = motion.drive(0);
+            let total = testing::totals(&AxisGravity, &blocks, &motion)[body].1.dot(&screw.angular);
             approx::assert_relative_eq!(total, torque, epsilon = 1e-12);
         }
     }

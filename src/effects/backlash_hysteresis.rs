@@ -103,10 +103,11 @@ mod tests {
 
     #[test]
     fn moment_is_against_the_bristle() {
-        let w = testing::wrenches_in_state(&BacklashHysteresis, &testing::still(), &[0.25, -0.5, 0.0]);
+        let motion = testing::still();
+        let w = testing::wrenches_in_state(&BacklashHysteresis, &motion, &[0.25, -0.5, 0.0]);
         let torque = |arm: usize| -> f64 {
-            let (body, axis) = crate::kinematics::Motion::drive(arm);
-            w.iter().filter(|(_, b, ..)| *b == body).map(|(.., m)| m.dot(&axis)).sum()
+            let (body, screw) = motion.drive(arm);
+            w.iter().filter(|(_, b, ..)| *b == body).map(|(.., m)| m.dot(&screw.angular)).sum()
         };
         approx::assert_relative_eq!(torque(0), -0.25);
         approx::assert_relative_eq!(torque(1), 0.5, epsilon = 1e-15);

@@ -91,7 +91,7 @@ mod tests {
         let sine: &[f64] = &[0.0, 2.0, 0.0, 0.0, 4.0, 0.0];
         let cosine: &[f64] = &[10.0, 8.0, 0.0, 20.0, 0.0, 0.0];
         let total = testing::totals(&Cogging, &[&[1.0, 3.0], sine, cosine, &[33.0]], &motion);
-        let torque = |arm: usize| total[arm].1.dot(&crate::kinematics::Motion::drive(arm).1);
+        let torque = |arm: usize| motion.drive(arm).1.effort(&total[arm]);
         approx::assert_relative_eq!(torque(0), 30.0, epsilon = 1e-12);
         approx::assert_relative_eq!(torque(1), 5.0 + 4.0 * 3f64.sqrt(), epsilon = 1e-9);
     }

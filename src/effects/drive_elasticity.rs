@@ -201,7 +201,7 @@ mod tests {
             DriveElasticity.wrenches(
                 &active.values(),
                 at,
-                &mut Wrenches::new(&mut |k, body, _, m| {
+                &mut Wrenches::new(at.motion, &mut |k, body, _, m| {
                     assert_eq!((k, body), (0, ARM), "rigid drives get nothing");
                     torque += active.values[k] * m.y;
                 }),
@@ -236,7 +236,11 @@ mod tests {
         DriveElasticity.inertia(&active.values(), &Payload::default(), &mut |_, _, _| panic!("no inertia"));
         let mut rate = [0.0; 6];
         testing::at(&testing::still(), &[1.0; 6], |at| {
-            DriveElasticity.wrenches(&active.values(), at, &mut Wrenches::new(&mut |_, _, _, _| panic!("no force")));
+            DriveElasticity.wrenches(
+                &active.values(),
+                at,
+                &mut Wrenches::new(at.motion, &mut |_, _, _, _| panic!("no force")),
+            );
             DriveElasticity.state_rate(&active.values(), at, &mut rate, &mut [0.0; 6]);
         });
         assert_eq!(rate, [0.0; 6]);

@@ -60,7 +60,6 @@ mod tests {
 
     use super::*;
     use crate::effects::{ActiveEffect, find, testing};
-    use crate::kinematics::Motion;
 
     /// Torques on the arms at the rates 1, 1, −1 rad/s, where tanh(100) = 1.
     fn on_arms(active: &ActiveEffect, torque: [f64; 3]) -> [f64; 3] {
@@ -72,8 +71,8 @@ mod tests {
             active.effect.wrenches(
                 &active.values(),
                 at,
-                &mut Wrenches::new(&mut |k, body, _, m| {
-                    sum[body] += active.values[k] * m.dot(&Motion::drive(body).1);
+                &mut Wrenches::new(at.motion, &mut |k, body, _, m| {
+                    sum[body] += active.values[k] * m.dot(&motion.drive(body).1.angular);
                 }),
             );
         });

@@ -65,8 +65,8 @@ mod tests {
             GearLoadFriction.wrenches(
                 &active.values(),
                 at,
-                &mut Wrenches::new(&mut |k, body, _, m| {
-                    torque[body] += active.values[k] * m.dot(&crate::kinematics::Motion::drive(body).1);
+                &mut Wrenches::new(at.motion, &mut |k, body, _, m| {
+                    torque[body] += active.values[k] * m.dot(&motion.drive(body).1.angular);
                 }),
             );
         });

@@ -35,7 +35,7 @@ fn rod(length: f64) -> Inertia {
 
 static SPEC: Spec = Spec::new(
     "limb_asymmetry",
-    Part::Linkage,
+    Part::TurningArms,
     About {
         summary: "a strut or an arm is heavier or lighter than the others",
         law: "Δm per strut and arm as an even rod: first moment Δm·l/2, inertia Δm·l²/3 about its upper joint",

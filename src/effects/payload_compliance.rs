@@ -141,7 +141,7 @@ mod tests {
             assert_eq!(body, END_EFFECTOR);
             written = Some((force, moment));
         };
-        PayloadCompliance.wrenches(&active.values(), &at, &mut Wrenches::new(&mut read));
+        PayloadCompliance.wrenches(&active.values(), &at, &mut Wrenches::new(at.motion, &mut read));
         written
     }
 

@@ -98,6 +98,9 @@ const UNITS: &[(Range<usize>, UnitInertia); PARAMETERS.len()] = &[
     (body(ROTOR), UnitInertia::Tensor(&[2])),
 ];
 
+/// Mass of a carriage; it does not turn, so that nothing else of it enters.
+const CARRIAGE: Parameter = one("arm_mass", Unit::Kg, 1.0);
+
 const UNITS_PER_ARM: &[(Range<usize>, UnitInertia); 10] = &[
     (body(ARM), UnitInertia::Moment(0)),
     (body(ARM + 1), UnitInertia::Moment(0)),
@@ -111,13 +114,22 @@ const UNITS_PER_ARM: &[(Range<usize>, UnitInertia); 10] = &[
     (body(ROTOR), UnitInertia::Tensor(&[2])),
 ];
 
-/// Parameters of the six machines with default symmetry: assembled robot with and without telescope, arms with and
-/// without rotor, single revolute and single prismatic axis.
-static MACHINES: LazyLock<[Arc<RigidBodies>; 6]> = LazyLock::new(|| {
+/// Parameters of the eight machines with default symmetry: assembled robot with and without telescope, arms with and
+/// without rotor, robot on carriages, carriages alone, single revolute and single prismatic axis.
+static MACHINES: LazyLock<[Arc<RigidBodies>; 8]> = LazyLock::new(|| {
     const TURNTABLE: &[Parameter] = &[lone("inertia")];
     const SLIDE: &[Parameter] = &[lone("mass")];
     const LONE: &[(Range<usize>, UnitInertia)] = &[(body(ARM), UnitInertia::Lone)];
-    [
+    let carriages = RigidBodies::new(
+        Cow::Owned(vec![CARRIAGE.counted(Count::PerArm)]),
+        Cow::Owned((0..3).map(|i| (body(ARM + i), UnitInertia::Mass)).collect()),
+    );
+    // Struts and platform as with arms that turn.
+    let on_carriages = RigidBodies::new(
+        std::iter::once(CARRIAGE).chain(PARAMETERS[3..9].iter().cloned()).collect(),
+        std::iter::once((ARMS, UnitInertia::Mass)).chain(UNITS[3..9].iter().cloned()).collect(),
+    );
+    let [whole, without_telescope, arms_and_rotor, arms, turntable, slide] = [
         (PARAMETERS, &UNITS[..]),
         (PARAMETERS.split_at(9).0, UNITS.split_at(9).0),
         (PER_ARM, UNITS_PER_ARM),
@@ -125,7 +137,8 @@ static MACHINES: LazyLock<[Arc<RigidBodies>; 6]> = LazyLock::new(|| {
         (TURNTABLE, LONE),
         (SLIDE, LONE),
     ]
-    .map(|(parameters, units)| Arc::new(RigidBodies::new(Cow::Borrowed(parameters), Cow::Borrowed(units))))
+    .map(|(parameters, units)| RigidBodies::new(Cow::Borrowed(parameters), Cow::Borrowed(units)));
+    [whole, without_telescope, arms_and_rotor, arms, on_carriages, carriages, turntable, slide].map(Arc::new)
 });
 
 const ABOUT: About = About {
@@ -144,12 +157,14 @@ impl RigidBodies {
 
     /// Parameters of a machine, `assembled` or not, with default symmetry.
     pub fn of(machine: Mechanism, assembled: bool) -> Arc<Self> {
-        let [whole, without_telescope, arms_and_rotor, arms, turntable, slide] = &*MACHINES;
+        let [whole, without_telescope, arms_and_rotor, arms, on_carriages, carriages, turntable, slide] = &*MACHINES;
         Arc::clone(match (machine, assembled) {
-            (Mechanism::Delta { telescope: true }, true) => whole,
-            (Mechanism::Delta { telescope: false }, true) => without_telescope,
-            (Mechanism::Delta { telescope: true }, false) => arms_and_rotor,
-            (Mechanism::Delta { telescope: false }, false) => arms,
+            (Mechanism::Delta { arms: Joint::Prismatic, .. }, true) => on_carriages,
+            (Mechanism::Delta { arms: Joint::Prismatic, .. }, false) => carriages,
+            (Mechanism::Delta { telescope: true, .. }, true) => whole,
+            (Mechanism::Delta { telescope: false, .. }, true) => without_telescope,
+            (Mechanism::Delta { telescope: true, .. }, false) => arms_and_rotor,
+            (Mechanism::Delta { telescope: false, .. }, false) => arms,
             (Mechanism::Axis(Axis { joint: Joint::Revolute, .. }), _) => turntable,
             (Mechanism::Axis(Axis { joint: Joint::Prismatic, .. }), _) => slide,
         })
@@ -158,7 +173,10 @@ impl RigidBodies {
     /// Parameters of a machine with the symmetry assumptions `links`, which apply only while it is `assembled`.
     pub fn with(machine: Mechanism, assembled: bool, links: LinkParameters) -> Arc<Self> {
         match machine {
-            Mechanism::Delta { telescope } if assembled && links != LinkParameters::default() => {
+            // Of carriages, all moments of inertia and the deviations of the arms do not enter.
+            Mechanism::Delta { telescope, arms: Joint::Revolute }
+                if assembled && links != LinkParameters::default() =>
+            {
                 tables::table(telescope, links)
             }
             _ => Self::of(machine, assembled),

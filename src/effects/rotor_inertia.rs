@@ -17,7 +17,7 @@ const PARAMETERS: &[Parameter] =
 
 static SPEC: Spec = Spec::new(
     "rotor_inertia",
-    Part::Linkage,
+    Part::TurningArms,
     About {
         summary: "the reflected rotor inertia of an arm drive differs from the stated one",
         law: "τ_i grows by ΔJ_i·d²q_i/dt², ΔJ at the gear output",

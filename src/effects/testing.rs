@@ -14,6 +14,7 @@ pub(super) type Written = (usize, usize, Vector3<f64>, Vector3<f64>);
 /// All bodies at rest at the origin, struts and telescope along z.
 pub(crate) fn still() -> Motion {
     Motion {
+        arms: crate::machine::Joint::Revolute,
         q: [0.0; 4],
         qd: [0.0; 4],
         qdd: [0.0; 4],
@@ -98,15 +99,19 @@ fn absent(effect: &dyn Effect) -> (Vec<f64>, Layout) {
 fn write(effect: &dyn Effect, at: &Instant) -> Vec<Written> {
     let (values, layout) = absent(effect);
     let mut seen = Vec::new();
-    effect.wrenches(&Values::new(&values, &layout), at, &mut Wrenches::new(&mut |k, b, f, m| seen.push((k, b, f, m))));
+    effect.wrenches(
+        &Values::new(&values, &layout),
+        at,
+        &mut Wrenches::new(at.motion, &mut |k, b, f, m| seen.push((k, b, f, m))),
+    );
     seen
 }
 
 /// Sum of the unit torques on drive `axis`.
 pub(super) fn drive_torque(effect: &dyn Effect, motion: &Motion, axis: usize) -> f64 {
-    let (body, direction) = Motion::drive(axis);
+    let (body, screw) = motion.drive(axis);
     let all = wrenches(effect, motion, &Reactions::default());
-    all.iter().filter(|(_, b, ..)| *b == body).map(|(.., m)| m.dot(&direction)).sum()
+    all.iter().filter(|(_, b, ..)| *b == body).map(|(.., m)| m.dot(&screw.angular)).sum()
 }
 
 /// Total force and moment on every body for given parameter values, without payload.
@@ -142,7 +147,7 @@ pub(super) fn carrying(
     effect.wrenches(
         &Values::new(&values, &layout),
         &at,
-        &mut Wrenches::new(&mut |k, b, f, m| {
+        &mut Wrenches::new(at.motion, &mut |k, b, f, m| {
             sum[b].0 += f * values[k];
             sum[b].1 += m * values[k];
         }),

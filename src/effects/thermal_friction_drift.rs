@@ -113,11 +113,11 @@ mod tests {
     fn the_drive_of_axis_4_warms_up_like_its_friction() {
         let mut motion = testing::still();
         motion.qd[3] = 20.0;
-        let (body, direction) = crate::kinematics::Motion::drive(3);
+        let (body, screw) = motion.drive(3);
         let torque: f64 = testing::wrenches_in_state(&ThermalFrictionDrift, &motion, &[1.0])
             .iter()
             .filter(|(_, b, ..)| *b == body)
-            .map(|(.., moment)| moment.dot(&direction))
+            .map(|(.., moment)| moment.dot(&screw.angular))
             .sum();
         // −(1 + 8.5919·tanh(20/8.5919)) with tanh 2.32777 = 0.981162
         approx::assert_relative_eq!(torque, -9.43004, epsilon = 1e-5);

@@ -83,15 +83,14 @@ impl Effect for ViscousCurve {
 mod tests {
     use super::*;
     use crate::effects::testing;
-    use crate::kinematics::Motion;
 
     /// Torque on the first arm at `rate` with 3 N·m at 10 rad/s.
     fn torque(exponent: f64, knee: f64, saturating: f64, rate: f64) -> f64 {
         let mut motion = testing::still();
         motion.qd[0] = rate;
-        let (body, direction) = Motion::drive(0);
+        let (body, screw) = motion.drive(0);
         let blocks: [&[f64]; 5] = [&[3.0; 3], &[exponent], &[knee], &[saturating], &[10.0]];
-        testing::totals(&ViscousCurve, &blocks, &motion)[body].1.dot(&direction)
+        testing::totals(&ViscousCurve, &blocks, &motion)[body].1.dot(&screw.angular)
     }
 
     #[test]

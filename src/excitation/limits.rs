@@ -115,10 +115,8 @@ impl Limits {
         for i in 0..ARMS {
             let share = within(joints.q[i], geometry.arm_limits);
             (out[ARM_HIGH + i], out[ARM_LOW + i]) = (share, -share);
-            let strut = geometry.strut_vector(i, joints.q[i], &platform.position).normalize();
-            let (s, c) = joints.q[i].sin_cos();
-            let normal = Geometry::radial(i) * s + Vector3::z() * c;
-            out[SERIAL + i] = 1.0 + MIN_SERIAL - strut.dot(&normal).abs();
+            let (strut, sine) = geometry.transmission(i, joints.q[i], &platform.position);
+            out[SERIAL + i] = 1.0 + MIN_SERIAL - sine;
             directions.set_row(i, &strut.transpose());
         }
         out[PARALLEL] = 1.0 + MIN_PARALLEL - directions.determinant().abs();

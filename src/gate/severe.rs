@@ -6,6 +6,7 @@ use super::line::Line;
 use super::mild::{carries, load};
 use super::{Evidence, Finding, Problem, Remedy, rounded};
 use crate::dynamics::Plant;
+use crate::identification::Dataset;
 use crate::identification::least_squares::least_squares;
 use crate::identification::residuals::{difference, rms};
 use crate::kinematics::JointState;
@@ -87,7 +88,11 @@ fn with_load(model: &Model, plant: &Plant, instants: &Instants) -> Option<Vec<Fi
     if !best.lines.iter().take(plant.mechanism.arms()).flatten().all(|l| l.slope < 0.0 || usual(l)) {
         return None;
     }
-    let loaded = carrying(plant, best.load);
+    // In the right arrangement the load is told as in any recording.
+    let context = Context { model, plant, instants, plain: None, judged: &best };
+    let arranged = context.arranged();
+    let load = load(model, plant, &Instants::of(&arranged, super::INSTANTS))?;
+    let loaded = carrying(plant, load.mass);
     let judged = Trial::new(&loaded).judge(instants, best.arrangement)?;
     let plain = Trial::new(&loaded).judge(instants, Arrangement::PLAIN);
     let context = Context { model, plant: &loaded, instants, plain: plain.as_ref(), judged: &judged };
@@ -95,7 +100,7 @@ fn with_load(model: &Model, plant: &Plant, instants: &Instants) -> Option<Vec<Fi
     if found.is_empty() {
         return None;
     }
-    found.extend(carries(instants.dataset, plant.payload.mass, best.load));
+    found.extend(carries(instants.dataset, plant.payload.mass, load.mass));
     Some(found)
 }
 
@@ -164,6 +169,18 @@ struct Context<'a> {
 impl Context<'_> {
     fn drives(&self) -> usize {
         self.plant.mechanism.axes()
+    }
+
+    /// The recording with its columns in the judged arrangement and its torques scaled.
+    fn arranged(&self) -> Dataset {
+        let (a, mut arranged) = (&self.judged.arrangement, self.instants.dataset.clone());
+        arranged.joints.iter_mut().for_each(|j| *j = a.joints(j));
+        for axis in 0..self.drives() {
+            let scale = self.scale(axis);
+            arranged.measured[axis] =
+                self.instants.dataset.measured[a.torque[axis]].iter().map(|x| scale * x).collect();
+        }
+        arranged
     }
 
     /// Factor that scales a torque to the size and sign of the predicted one.

@@ -309,7 +309,11 @@ impl Search<'_> {
         let nearest = equal.min_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(best);
         let step = 0.05 / self.orders.iter().copied().fold(0.0, f64::max);
         let curvature = (left(nearest + step) - 2.0 * left(nearest) + left(nearest - step)) / step.powi(2);
-        let std = (2.0 * at / independent / curvature.max(f64::MIN_POSITIVE)).sqrt();
+        let own = 2.0 * at / independent / curvature.max(f64::MIN_POSITIVE);
+        // Zeros a tooth of a weak line apart are told apart by their likelihood only.
+        let weights = alike.iter().map(|(by, left)| (by - nearest, independent * (left / at).ln()));
+        let apart = weights.filter(|(_, worse)| *worse > EQUAL).map(|(by, worse)| (-0.5 * worse).exp() * by * by);
+        let std = (own + apart.sum::<f64>()).sqrt();
         let others = alike.len().saturating_sub(1);
         Some(Zero { recording: 0, offset: nearest, std, orders: self.telling(&both), others })
     }

@@ -1,7 +1,7 @@
 //! Closed-form inverse and forward kinematics of the delta robot, with rates and accelerations.
 //!
-//! Loop closure of limb i, with p the platform point, u the radial, v the tangential unit vector of the limb and
-//! x_A = cos φ·u − sin φ·z the arm's direction: the strut vector is l = p − (R − r)·u − l₁·x_A and |l| = l₂.
+//! Loop closure of limb i, with p the platform point, u the radial unit vector of the limb and e its elbow (see [`Arm`]):
+//! the strut vector is l = p + r·u − e and |l| = l₂.
 //! The platform does not rotate, so both struts of a pair share l.
 
 use std::borrow::Cow;
@@ -9,7 +9,8 @@ use std::borrow::Cow;
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
-use crate::machine::{ARMS, AXES, Geometry};
+use super::arm::Arm;
+use crate::machine::{ARMS, AXES, Actuator, Geometry};
 
 /// Joint angles (rad), rates and accelerations.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -181,41 +182,17 @@ fn listed(values: &[f64; AXES]) -> String {
     values.map(|x| format!("{x:.4}")).join(", ")
 }
 
-/// Axes of an arm's frame, in inertial axes.
-#[derive(Clone, Copy)]
-pub(super) struct ArmAxes {
-    /// Unit vector from the shaft to the elbow.
-    pub x: Vector3<f64>,
-    /// −dx/dφ.
-    pub z: Vector3<f64>,
-}
-
-impl ArmAxes {
-    pub fn new(limb: usize, angle: f64) -> Self {
-        let (u, (s, c)) = (Geometry::radial(limb), angle.sin_cos());
-        Self { x: u * c - Vector3::z() * s, z: u * s + Vector3::z() * c }
-    }
-
-    fn all(angles: &[f64]) -> [Self; ARMS] {
-        std::array::from_fn(|i| Self::new(i, angles[i]))
-    }
-}
-
 impl Geometry {
-    /// Elbow (middle of the ball pair) of `limb` at arm angle `angle` (rad), inertial frame, m.
+    /// Elbow (middle of the ball pair) of `limb` with its drive at `q` (rad or m), inertial frame, m.
     ///
     /// # Panics
     /// If there is no `limb`.
-    pub fn elbow(&self, limb: usize, angle: f64) -> Vector3<f64> {
-        self.elbow_of(limb, &ArmAxes::new(limb, angle))
+    pub fn elbow(&self, limb: usize, q: f64) -> Vector3<f64> {
+        Arm::new(self, limb, q).elbow
     }
 
-    fn elbow_of(&self, limb: usize, arm: &ArmAxes) -> Vector3<f64> {
-        Geometry::radial(limb) * self.base_radius + arm.x * self.arm_length
-    }
-
-    /// Coefficients of the closure |d − l₁ x_A|² = l₂² of a limb, a cos φ + b sin φ = c, that is cos(φ − atan2(b, a)) =
-    /// c/√(a² + b²): a and b (m²), and the right side.
+    /// Coefficients of the closure |d − l₁ x_A|² = l₂² of a revolute limb, a cos φ + b sin φ = c, that is cos(φ − atan2(b,
+    /// a)) = c/√(a² + b²): a and b (m²), and the right side.
     fn elbow_equation(&self, limb: usize, position: &Vector3<f64>) -> [f64; 3] {
         let u = Geometry::radial(limb);
         let d = position - u * (self.base_radius - self.platform_radius);
@@ -224,30 +201,64 @@ impl Geometry {
         [a, b, c / a.hypot(b)]
     }
 
-    /// Cosine of the angle between an arm and the direction to the platform, as the closure of a limb requires it for a
-    /// platform position (m, inertial frame); beyond ±1 the strut does not reach.
+    /// How far a limb is from reaching a platform position (m, inertial frame): beyond ±1 its strut does not reach.
+    ///
+    /// For a revolute arm it is the cosine of the angle between the arm and the direction to the platform, as the closure
+    /// of the limb requires it; for a carriage the distance of the ball pair from the guide over the strut's length.
     ///
     /// # Panics
     /// If there is no `limb`.
     pub fn elbow_cosine(&self, limb: usize, position: &Vector3<f64>) -> f64 {
-        self.elbow_equation(limb, position)[2]
+        match self.arms {
+            Actuator::Revolute => self.elbow_equation(limb, position)[2],
+            Actuator::Prismatic { .. } => {
+                let arm = Arm::new(self, limb, 0.0);
+                arm.x.cross(&self.strut_vector_of(limb, &arm, position)).norm() / self.strut_length[limb]
+            }
+        }
     }
 
-    /// Arm angles (rad) for a platform position (m, inertial frame), elbows outward; joint limits are not checked.
+    /// Arm angles (rad), or distances of the carriages (m), for a platform position (m, inertial frame); joint limits are
+    /// not checked.
+    ///
+    /// Of the two solutions of a limb, a revolute arm has its elbow outward, and the strut of a carriage leads inward and
+    /// down: along the guide if it falls by more than 45°, else against it.
     ///
     /// # Errors
     /// [`KinematicsError::OutOfReach`] if a strut does not reach the position.
     pub fn inverse(&self, position: &Vector3<f64>) -> Result<[f64; ARMS], KinematicsError> {
         let mut q = [0.0; ARMS];
-        for limb in 0..ARMS {
-            let [a, b, cosine] = self.elbow_equation(limb, position);
-            if cosine.is_nan() || cosine.abs() > 1.0 {
-                return Err(KinematicsError::OutOfReach { limb, x: position.x, y: position.y, z: position.z });
-            }
-            let angle = b.atan2(a) - cosine.acos();
-            q[limb] = if angle < -std::f64::consts::PI { angle + std::f64::consts::TAU } else { angle };
+        for (limb, q) in q.iter_mut().enumerate() {
+            let reached = match self.arms {
+                Actuator::Revolute => self.arm_angle(limb, position),
+                Actuator::Prismatic { .. } => self.carriage(limb, position),
+            };
+            *q = reached.ok_or(KinematicsError::OutOfReach { limb, x: position.x, y: position.y, z: position.z })?;
         }
         Ok(q)
+    }
+
+    fn arm_angle(&self, limb: usize, position: &Vector3<f64>) -> Option<f64> {
+        let [a, b, cosine] = self.elbow_equation(limb, position);
+        if cosine.is_nan() || cosine.abs() > 1.0 {
+            return None;
+        }
+        let angle = b.atan2(a) - cosine.acos();
+        Some(if angle < -std::f64::consts::PI { angle + std::f64::consts::TAU } else { angle })
+    }
+
+    /// Solution of |l₀ − q·x_A| = l₂ with l₀ the strut vector at q = 0: q = l₀·x_A ∓ √((l₀·x_A)² − l₀² + l₂²), where l·x_A
+    /// is ± the root.
+    fn carriage(&self, limb: usize, position: &Vector3<f64>) -> Option<f64> {
+        let arm = Arm::new(self, limb, 0.0);
+        let start = self.strut_vector_of(limb, &arm, position);
+        let along = start.dot(&arm.x);
+        let square = along * along - start.norm_squared() + self.strut_length[limb].powi(2);
+        if square.is_nan() || square < 0.0 {
+            return None;
+        }
+        let is_steep = -arm.x.z > arm.x.dot(&Geometry::radial(limb));
+        Some(if is_steep { along - square.sqrt() } else { along + square.sqrt() })
     }
 
     /// Platform position (m, inertial frame) for arm angles (rad): the lower intersection of three spheres; limits are
@@ -259,11 +270,11 @@ impl Geometry {
     /// # Panics
     /// If `q` has fewer than three elements.
     pub fn forward(&self, q: &[f64]) -> Result<Vector3<f64>, KinematicsError> {
-        self.forward_of([q[0], q[1], q[2]], &ArmAxes::all(q))
+        self.forward_of([q[0], q[1], q[2]], &Arm::all(self, q))
     }
 
-    fn forward_of(&self, q: [f64; ARMS], arms: &[ArmAxes; ARMS]) -> Result<Vector3<f64>, KinematicsError> {
-        let centre = |i: usize| self.elbow_of(i, &arms[i]) - Geometry::radial(i) * self.platform_radius;
+    fn forward_of(&self, q: [f64; ARMS], arms: &[Arm; ARMS]) -> Result<Vector3<f64>, KinematicsError> {
+        let centre = |i: usize| arms[i].elbow - Geometry::radial(i) * self.platform_radius;
         let (c0, c1, c2) = (centre(0), centre(1), centre(2));
         let [r0, r1, r2] = self.strut_length;
         // Sphere 0 minus sphere i gives a plane: 2(cᵢ − c₀)·p = r₀² − rᵢ² + cᵢ² − c₀².
@@ -286,13 +297,24 @@ impl Geometry {
     ///
     /// # Panics
     /// If there is no `limb`.
-    pub fn strut_vector(&self, limb: usize, angle: f64, position: &Vector3<f64>) -> Vector3<f64> {
-        self.strut_vector_of(limb, &ArmAxes::new(limb, angle), position)
+    pub fn strut_vector(&self, limb: usize, q: f64, position: &Vector3<f64>) -> Vector3<f64> {
+        self.strut_vector_of(limb, &Arm::new(self, limb, q), position)
     }
 
-    /// [`Self::strut_vector`] for given axes of the arm.
-    pub(super) fn strut_vector_of(&self, limb: usize, arm: &ArmAxes, position: &Vector3<f64>) -> Vector3<f64> {
-        position + Geometry::radial(limb) * self.platform_radius - self.elbow_of(limb, arm)
+    /// Direction of the strut of `limb`, upper to lower ball, and the magnitude of the cosine between it and the motion of
+    /// the elbow: the sine of the angle between strut and arm, zero where the drive does not move the platform.
+    ///
+    /// # Panics
+    /// If there is no `limb`.
+    pub fn transmission(&self, limb: usize, q: f64, position: &Vector3<f64>) -> (Vector3<f64>, f64) {
+        let arm = Arm::new(self, limb, q);
+        let strut = self.strut_vector_of(limb, &arm, position).normalize();
+        (strut, strut.dot(&arm.slope.normalize()).abs())
+    }
+
+    /// [`Self::strut_vector`] for a given arm.
+    pub(super) fn strut_vector_of(&self, limb: usize, arm: &Arm, position: &Vector3<f64>) -> Vector3<f64> {
+        position + Geometry::radial(limb) * self.platform_radius - arm.elbow
     }
 
     /// Jacobian ∂ṗ/∂φ̇ (3×3, m/rad) at a pose that closes the loops.
@@ -303,13 +325,13 @@ impl Geometry {
     /// # Panics
     /// If `q` has fewer than three elements.
     pub fn jacobian(&self, q: &[f64], position: &Vector3<f64>) -> Result<Matrix3<f64>, KinematicsError> {
-        // l·ṗ = −l₁ (l·z_A) φ̇
+        // l·ṗ = (l·∂e/∂q) q̇
         let mut parallel = Matrix3::zeros();
         let mut serial = Vector3::zeros();
-        for (i, arm) in ArmAxes::all(q).iter().enumerate() {
+        for (i, arm) in Arm::all(self, q).iter().enumerate() {
             let l = self.strut_vector_of(i, arm, position);
             parallel.set_row(i, &l.transpose());
-            serial[i] = -self.arm_length * l.dot(&arm.z);
+            serial[i] = l.dot(&arm.slope);
         }
         let inverse = parallel.try_inverse().ok_or(KinematicsError::Singular { q: [q[0], q[1], q[2]] })?;
         Ok(inverse * Matrix3::from_diagonal(&serial))
@@ -321,22 +343,22 @@ impl Geometry {
     /// [`KinematicsError::NoClosure`] as in [`Self::forward`], [`KinematicsError::Singular`] as in [`Self::jacobian`].
     pub fn forward_motion(&self, joints: &JointState) -> Result<PlatformState, KinematicsError> {
         let JointState { q, qd, qdd } = joints;
-        let arms = ArmAxes::all(q);
+        let arms = Arm::all(self, q);
         let position = self.forward_of([q[0], q[1], q[2]], &arms)?;
         let struts: [Vector3<f64>; ARMS] = std::array::from_fn(|i| self.strut_vector_of(i, &arms[i], &position));
         let mut parallel = Matrix3::zeros();
         let mut rate = Vector3::zeros();
         for (i, l) in struts.iter().enumerate() {
             parallel.set_row(i, &l.transpose());
-            rate[i] = -self.arm_length * l.dot(&arms[i].z) * qd[i];
+            rate[i] = l.dot(&arms[i].slope) * qd[i];
         }
         let inverse = parallel.try_inverse().ok_or(KinematicsError::Singular { q: [q[0], q[1], q[2]] })?;
         let velocity = inverse * rate;
         let mut rate = Vector3::zeros();
         for (i, (l, arm)) in struts.iter().zip(&arms).enumerate() {
-            // l·p̈ = −|l̇|² − l₁ (l·z_A) φ̈ − l₁ (l·x_A) φ̇²
-            let ld = velocity + arm.z * (self.arm_length * qd[i]);
-            rate[i] = -ld.norm_squared() - self.arm_length * (l.dot(&arm.z) * qdd[i] + l.dot(&arm.x) * qd[i] * qd[i]);
+            // l·p̈ = −|l̇|² + l·(∂e/∂q q̈ + ∂²e/∂q² q̇²)
+            let ld = velocity - arm.slope * qd[i];
+            rate[i] = l.dot(&(arm.slope * qdd[i] + arm.curvature * (qd[i] * qd[i]))) - ld.norm_squared();
         }
         Ok(PlatformState { position, velocity, acceleration: inverse * rate, psi: [q[3], qd[3], qdd[3]] })
     }
@@ -350,38 +372,35 @@ impl Geometry {
         let angles = self.inverse(&platform.position)?;
         let mut joints = JointState::default();
         for i in 0..ARMS {
-            let arm = ArmAxes::new(i, angles[i]);
+            let arm = Arm::new(self, i, angles[i]);
             let l = self.strut_vector_of(i, &arm, &platform.position);
-            let ArmAxes { x, z } = arm;
-            let serial = -self.arm_length * l.dot(&z);
+            let serial = l.dot(&arm.slope);
             if serial.abs() < 1e-9 {
                 return Err(KinematicsError::Singular { q: angles });
             }
             let rate = l.dot(&platform.velocity) / serial;
-            let ld = platform.velocity + z * (self.arm_length * rate);
+            let ld = platform.velocity - arm.slope * rate;
             joints.q[i] = angles[i];
             joints.qd[i] = rate;
             joints.qdd[i] =
-                (l.dot(&platform.acceleration) + ld.norm_squared() + self.arm_length * l.dot(&x) * rate * rate)
-                    / serial;
+                (l.dot(&platform.acceleration) + ld.norm_squared() - l.dot(&arm.curvature) * rate * rate) / serial;
         }
         (joints.q[3], joints.qd[3], joints.qdd[3]) = (platform.psi[0], platform.psi[1], platform.psi[2]);
         Ok(joints)
     }
 
-    /// Third derivatives of the arm angles (rad/s³) for the platform motion of [`Geometry::inverse_motion`] with jerk
+    /// Third derivatives of the arm coordinates (rad/s³ or m/s³) for the platform motion of [`Geometry::inverse_motion`] with jerk
     /// `jerk` (m/s³).
     pub fn inverse_jerk(&self, platform: &PlatformState, joints: &JointState, jerk: &Vector3<f64>) -> [f64; ARMS] {
         std::array::from_fn(|i| {
-            // d²/dt² of l·l̇ = 0: 3 l̇·l̈ + l·l⃛ = 0, with dx_A/dφ = −z_A and dz_A/dφ = x_A.
+            // d²/dt² of l·l̇ = 0: 3 l̇·l̈ + l·l⃛ = 0.
             let (rate, acceleration) = (joints.qd[i], joints.qdd[i]);
-            let arm = ArmAxes::new(i, joints.q[i]);
+            let arm = Arm::new(self, i, joints.q[i]);
             let l = self.strut_vector_of(i, &arm, &platform.position);
-            let (x, z) = (arm.x * self.arm_length, arm.z * self.arm_length);
-            let ld = platform.velocity + z * rate;
-            let ldd = platform.acceleration + z * acceleration + x * (rate * rate);
-            let rest = jerk + x * (3.0 * rate * acceleration) - z * rate.powi(3);
-            -(3.0 * ld.dot(&ldd) + l.dot(&rest)) / l.dot(&z)
+            let ld = platform.velocity - arm.slope * rate;
+            let ldd = platform.acceleration - arm.slope * acceleration - arm.curvature * (rate * rate);
+            let rest = jerk - arm.curvature * (3.0 * rate * acceleration) - arm.third(self.arms) * rate.powi(3);
+            (3.0 * ld.dot(&ldd) + l.dot(&rest)) / l.dot(&arm.slope)
         })
     }
 

@@ -2,10 +2,13 @@
 //!
 //! Nothing here depends on inertia.
 
+mod arm;
 pub mod delta;
 pub mod motion;
 mod telescope;
 
+pub(crate) use arm::Arm;
+pub use arm::Screw;
 pub use delta::{JointState, KinematicsError, LawFault, PlatformState, Target};
 pub use motion::{BodyMotion, Motion, Reactions, SocketSet};
 pub use telescope::{HookeJoint, Telescope};

@@ -2,7 +2,8 @@
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-use super::delta::{ArmAxes, JointState, KinematicsError, PlatformState};
+use super::arm::{Arm, Screw};
+use super::delta::{JointState, KinematicsError, PlatformState};
 use super::telescope::{Telescope, telescope_motion};
 use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::machine::{ARMS, AXES, Geometry, Joint, Mechanism, STRUTS};
@@ -66,7 +67,9 @@ pub struct Reactions {
 /// On a disassembled robot only the arms and the rotor move; the other bodies are at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
-    /// Joint angles, rad.
+    /// Joint type of the arms.
+    pub arms: Joint,
+    /// Joint angles, rad; m for carriages.
     pub q: [f64; AXES],
     /// Joint rates, rad/s.
     pub qd: [f64; AXES],
@@ -128,9 +131,24 @@ impl Motion {
         poses
     }
 
-    /// Body on which the drive of `axis` (0..4) acts, and the drive axis as a unit vector in the inertial frame.
-    pub fn drive(axis: usize) -> (usize, Vector3<f64>) {
-        if axis < 3 { (ARM + axis, Geometry::tangential(axis)) } else { (ROTOR, Vector3::z()) }
+    /// Body on which the drive of `axis` (0..4) acts, and the screw of its joint.
+    ///
+    /// # Panics
+    /// If there is no `axis`.
+    #[inline]
+    pub fn drive(&self, axis: usize) -> (usize, Screw) {
+        let body = Self::driven(axis);
+        let screw = match (axis, self.arms) {
+            (ARMS.., _) => Screw::turning(Vector3::z()),
+            (_, Joint::Revolute) => Screw::turning(Geometry::tangential(axis)),
+            (_, Joint::Prismatic) => Screw::sliding(self.bodies[body].rotation.column(0).into_owned()),
+        };
+        (body, screw)
+    }
+
+    /// Body on which the drive of `axis` (0..4) acts.
+    pub fn driven(axis: usize) -> usize {
+        if axis < ARMS { ARM + axis } else { ROTOR }
     }
 
     /// Indices of the strut at `socket` and of the body that carries the ball.
@@ -160,6 +178,7 @@ impl Motion {
     /// Motion of the arms and the rotor of a disassembled robot.
     pub fn disassembled(geometry: &Geometry, joints: &JointState) -> Self {
         let mut motion = Self {
+            arms: geometry.arms.joint(),
             q: joints.q,
             qd: joints.qd,
             qdd: joints.qdd,
@@ -241,14 +260,15 @@ fn rotation_z(angle: f64) -> Matrix3<f64> {
 }
 
 fn arm_motion(geometry: &Geometry, limb: usize, joints: &JointState) -> BodyMotion {
-    let v = Geometry::tangential(limb);
-    let arm = ArmAxes::new(limb, joints.q[limb]);
+    let arm = Arm::new(geometry, limb, joints.q[limb]);
+    let screw = arm.screw(geometry, limb);
     BodyMotion {
-        rotation: Matrix3::from_columns(&[arm.x, v, arm.z]),
-        position: Geometry::radial(limb) * geometry.base_radius,
-        angular_velocity: v * joints.qd[limb],
-        angular_acceleration: v * joints.qdd[limb],
-        ..BodyMotion::REST
+        rotation: arm.rotation(limb),
+        position: arm.origin,
+        velocity: screw.linear * joints.qd[limb],
+        angular_velocity: screw.angular * joints.qd[limb],
+        acceleration: screw.linear * joints.qdd[limb],
+        angular_acceleration: screw.angular * joints.qdd[limb],
     }
 }
 
@@ -260,18 +280,20 @@ fn strut_motion(
 ) -> (BodyMotion, Vector3<f64>) {
     let limb = strut / 2;
     let length = geometry.strut_length[limb];
-    let axes = ArmAxes { x: arm.rotation.column(0).into(), z: arm.rotation.column(2).into() };
-    let axis = geometry.strut_vector_of(limb, &axes, &platform.position) / length;
     let v = Geometry::tangential(limb);
     // The ball pair is parallel to the motor axis, so that only the arm length contributes to the lever.
     let lever = arm.rotation.column(0) * geometry.arm_length;
-    let velocity = arm.angular_velocity.cross(&lever);
-    let acceleration = arm.angular_acceleration.cross(&lever) + arm.angular_velocity.cross(&velocity);
+    let elbow = arm.position + lever;
+    let axis = (platform.position + Geometry::radial(limb) * geometry.platform_radius - elbow) / length;
+    let velocity = arm.velocity + arm.angular_velocity.cross(&lever);
+    let acceleration = arm.acceleration
+        + arm.angular_acceleration.cross(&lever)
+        + arm.angular_velocity.cross(&arm.angular_velocity.cross(&lever));
     let axis_rate = (platform.velocity - velocity) / length;
     let axis_acceleration = (platform.acceleration - acceleration) / length;
     let body = BodyMotion {
         rotation: strut_rotation(&axis, &v),
-        position: arm.position + lever + v * geometry.pair_offset(strut),
+        position: elbow + v * geometry.pair_offset(strut),
         velocity,
         angular_velocity: axis.cross(&axis_rate),
         acceleration,

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{ARMS, Geometry, Inertia};
+use super::{ARMS, Actuator, Geometry, Inertia};
 
 /// Pose of the machine at q = 0; heights are measured from the shaft plane, up positive.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,13 +26,14 @@ pub fn home(geometry: &Geometry) -> Option<Home> {
     })
 }
 
-/// Platform position (m) at given arm angles (rad): the lower intersection of three spheres; `None` if there is none.
+/// Platform position (m) at given arm coordinates (rad or m): the lower intersection of three spheres; `None` if there is none.
 ///
-/// Sphere i: centre (R − r + l₁ cos φ_i)·u_i − l₁ sin φ_i·z, radius l₂,i.
+/// Sphere i: centre (R − r + l₁ cos φ_i)·u_i − l₁ sin φ_i·z, radius l₂,i; of a carriage with q + l₁ in place of l₁ and
+/// the guide's inclination in place of φ_i.
 pub fn platform_at(geometry: &Geometry, arms: [f64; ARMS]) -> Option<Vector3<f64>> {
     let centre = |i: usize| {
-        let radius = geometry.base_radius - geometry.platform_radius + geometry.arm_length * arms[i].cos();
-        Geometry::radial(i) * radius - Vector3::z() * (geometry.arm_length * arms[i].sin())
+        let (out, down) = elbow(geometry, arms[i]);
+        Geometry::radial(i) * (out - geometry.platform_radius) - Vector3::z() * down
     };
     let [a, b, c] = std::array::from_fn(centre);
     let [ra, rb, rc] = geometry.strut_length;
@@ -52,14 +53,20 @@ pub fn platform_at(geometry: &Geometry, arms: [f64; ARMS]) -> Option<Vector3<f64
     Some(a + x * along + y * across + height.sqrt() * down)
 }
 
+/// Distance (m) of an elbow from the centre line, and its depth below the shaft plane, with the drive at `q` (rad or m).
+fn elbow(geometry: &Geometry, q: f64) -> (f64, f64) {
+    let (length, angle) = match geometry.arms {
+        Actuator::Revolute => (geometry.arm_length, q),
+        Actuator::Prismatic { inclination } => (geometry.arm_length + q, inclination),
+    };
+    (geometry.base_radius + length * angle.cos(), length * angle.sin())
+}
+
 /// Largest horizontal distance (m) that a strut spans while the arms move together through their limits.
 pub fn least_strut_length(geometry: &Geometry) -> f64 {
     let [low, high] = geometry.arm_limits;
-    // |R − r + l₁ cos φ| has its maximum at an end of the range or at φ = 0
-    [low, 0.0, high]
-        .map(|phi| (geometry.base_radius - geometry.platform_radius + geometry.arm_length * phi.cos()).abs())
-        .into_iter()
-        .fold(0.0, f64::max)
+    // |R − r + l₁ cos φ| has its maximum at an end of the range or at φ = 0, that of a carriage at an end.
+    [low, 0.0, high].map(|q| (elbow(geometry, q).0 - geometry.platform_radius).abs()).into_iter().fold(0.0, f64::max)
 }
 
 /// The inertial parameter that violates a consistency condition.

@@ -4,14 +4,40 @@
 
 use nalgebra::Vector3;
 
-use super::ARMS;
+use super::{ARMS, Joint};
+
+/// How the arms of all limbs are driven.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Actuator {
+    /// Every arm turns about its shaft, the limb's tangential axis; q is its angle below the horizontal, rad.
+    #[default]
+    Revolute,
+    /// Every arm is a carriage on a straight guide in the vertical plane of its limb; q is its distance from the shaft's
+    /// place, m.
+    Prismatic {
+        /// Angle of the guide below the horizontal, rad; q grows outwards, and downwards along a vertical guide (π/2).
+        inclination: f64,
+    },
+}
+
+impl Actuator {
+    /// Joint type of the arms.
+    pub fn joint(self) -> Joint {
+        match self {
+            Self::Revolute => Joint::Revolute,
+            Self::Prismatic { .. } => Joint::Prismatic,
+        }
+    }
+}
 
 /// Geometry of a delta robot with telescope; lengths in m, angles in rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Geometry {
-    /// Distance of the motor shafts from the centre line.
+    /// How the arms are driven.
+    pub arms: Actuator,
+    /// Distance of the motor shafts, or of the carriages at q = 0, from the centre line.
     pub base_radius: f64,
-    /// Distance of the elbow (middle of the ball pair) from the shaft.
+    /// Distance of the elbow (middle of the ball pair) from the shaft; zero for carriages.
     pub arm_length: f64,
     /// Distance of the two balls of a strut, per limb: both struts of a pair have equal length.
     pub strut_length: [f64; ARMS],
@@ -27,7 +53,7 @@ pub struct Geometry {
     pub lower_hooke_height: f64,
     /// Height of the flange face above the platform's ball plane (negative: below).
     pub flange_height: f64,
-    /// Lower and upper limit of the arm angles.
+    /// Lower and upper limit of the arm angles, or of the carriages' distances in m.
     pub arm_limits: [f64; 2],
     /// Lower and upper limit of the distance between the telescope's Hooke joints; infinite upper limit without a
     /// telescope.

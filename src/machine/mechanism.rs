@@ -10,6 +10,8 @@ pub enum Mechanism {
     Delta {
         /// Whether there is a telescope with its drive.
         telescope: bool,
+        /// Joint type of the arms: revolute, or prismatic for carriages on guides.
+        arms: Joint,
     },
     /// A single axis on a test bench, without gravity.
     ///
@@ -70,6 +72,8 @@ pub enum Part {
     Telescope,
     /// A single turning axis with what it carries.
     TurningAxis,
+    /// Arms that turn about shafts, of an assembled robot.
+    TurningArms,
 }
 
 impl Part {
@@ -82,13 +86,14 @@ impl Part {
             Self::Linkage => "struts and platform",
             Self::Telescope => "the telescope",
             Self::TurningAxis => "a single turning axis",
+            Self::TurningArms => "arms that turn",
         }
     }
 }
 
 impl Default for Mechanism {
     fn default() -> Self {
-        Self::Delta { telescope: true }
+        Self::delta(true)
     }
 }
 
@@ -108,10 +113,10 @@ impl Mechanism {
 
     /// Whether there is a telescope with its drive.
     pub fn has_telescope(self) -> bool {
-        self == Self::Delta { telescope: true }
+        matches!(self, Self::Delta { telescope: true, .. })
     }
 
-    /// Whether the machine has `part`; linkage and telescope only while `assembled`.
+    /// Whether the machine has `part`; linkage, telescope and turning arms only while `assembled`.
     pub fn has(self, part: Part, assembled: bool) -> bool {
         let delta = matches!(self, Self::Delta { .. });
         match part {
@@ -121,6 +126,7 @@ impl Mechanism {
             Part::Linkage => delta && assembled,
             Part::Telescope => self.has_telescope() && assembled,
             Part::TurningAxis => matches!(self, Self::Axis(axis) if axis.joint == Joint::Revolute),
+            Part::TurningArms => delta && assembled && self.joint() == Joint::Revolute,
         }
     }
 
@@ -129,11 +135,19 @@ impl Mechanism {
         Self::Axis(Axis { joint, effort: Effort::Force })
     }
 
-    /// Joint type of its axes, as far as their coordinates are concerned.
+    /// A delta robot whose arms turn.
+    pub const fn delta(telescope: bool) -> Self {
+        Self::Delta { telescope, arms: Joint::Revolute }
+    }
+
+    /// A delta robot whose arms are carriages on guides; it has no telescope.
+    pub const LINEAR_DELTA: Self = Self::Delta { telescope: false, arms: Joint::Prismatic };
+
+    /// Joint type of its axes, as far as their coordinates are concerned; of a robot that of the arms.
     pub fn joint(self) -> Joint {
         match self {
             Self::Axis(axis) => axis.joint,
-            Self::Delta { .. } => Joint::Revolute,
+            Self::Delta { arms, .. } => arms,
         }
     }
 
@@ -142,6 +156,14 @@ impl Mechanism {
         match self {
             Self::Axis(axis) => axis.effort,
             Self::Delta { .. } => Effort::Force,
+        }
+    }
+
+    /// `unit` of a parameter of an effect on `part`: as [`Self::unit`] for drives, unchanged for other parts of a robot.
+    pub fn unit_on(self, part: Part, unit: Unit) -> Unit {
+        match self {
+            Self::Delta { .. } if part != Part::Drives => unit,
+            _ => self.unit(unit),
         }
     }
 
@@ -162,8 +184,8 @@ mod tests {
     use super::*;
 
     const MACHINES: [(Mechanism, usize); 4] = [
-        (Mechanism::Delta { telescope: true }, 4),
-        (Mechanism::Delta { telescope: false }, 3),
+        (Mechanism::delta(true), 4),
+        (Mechanism::delta(false), 3),
         (Mechanism::axis(Joint::Revolute), 1),
         (Mechanism::axis(Joint::Prismatic), 1),
     ];

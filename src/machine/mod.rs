@@ -13,7 +13,7 @@ pub(crate) mod testing;
 pub mod unit;
 
 pub use bodies::{Bodies, Inertia};
-pub use geometry::Geometry;
+pub use geometry::{Actuator, Geometry};
 pub use mechanism::{Axis, Effort, Joint, Mechanism, Part};
 pub use payload::Payload;
 pub use setup::{Configuration, Setup};

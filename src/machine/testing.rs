@@ -5,6 +5,7 @@ use super::Geometry;
 /// Geometry of the shipped IRB 360-6/1600.
 pub(crate) fn geometry() -> Geometry {
     Geometry {
+        arms: crate::machine::Actuator::Revolute,
         base_radius: 0.2,
         arm_length: 0.5,
         strut_length: [1.106; 3],

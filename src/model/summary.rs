@@ -15,7 +15,7 @@ pub fn summary(model: &Model) -> String {
             let unit = if effort == Effort::Current { ", in A: everything per torque constant" } else { "" };
             format!("a single {joint} axis{unit}")
         }
-        Mechanism::Delta { telescope } if model.assembled => {
+        Mechanism::Delta { telescope, .. } if model.assembled => {
             let bodies = if telescope { BODIES } else { BODIES_WITHOUT_TELESCOPE };
             let without = if telescope { "" } else { " without telescope" };
             format!(
@@ -23,7 +23,7 @@ pub fn summary(model: &Model) -> String {
                 axes + STRUTS
             )
         }
-        Mechanism::Delta { telescope } => {
+        Mechanism::Delta { telescope, .. } => {
             let rotor = if telescope { " and the rotor" } else { "" };
             format!("delta mechanism, disassembled; {axes} bodies ({ARMS} arms{rotor}), {axes} freedoms")
         }

@@ -4,13 +4,37 @@ use std::path::Path;
 
 use super::{Added, Model};
 use crate::effects::{ActiveEffect, Effects, find};
-use crate::machine::{Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops};
+use crate::machine::{
+    Actuator, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops,
+};
 
 /// A struct of this crate built from one with the same fields.
 macro_rules! copy {
     ($name:ident { $($field:ident),* $(,)? } of $from:expr) => {
         $name { $($field: $from.$field),* }
     };
+}
+
+/// The geometry as read, whose type is another one.
+macro_rules! geometry {
+    ($from:expr) => {{
+        let text = format!("{:?}", $from.arms);
+        let inclination = text.split([':', '}']).nth(1).and_then(|number| number.trim().parse().ok());
+        Geometry {
+            arms: inclination.map_or(Actuator::Revolute, |inclination| Actuator::Prismatic { inclination }),
+            base_radius: $from.base_radius,
+            arm_length: $from.arm_length,
+            strut_length: $from.strut_length,
+            platform_radius: $from.platform_radius,
+            pair_distance: $from.pair_distance,
+            mounting_height: $from.mounting_height,
+            upper_hooke_height: $from.upper_hooke_height,
+            lower_hooke_height: $from.lower_hooke_height,
+            flange_height: $from.flange_height,
+            arm_limits: $from.arm_limits,
+            telescope_limits: $from.telescope_limits,
+        }
+    }};
 }
 
 /// The model in `models/<name>.toml`.
@@ -22,7 +46,8 @@ pub(crate) fn shipped(name: &str) -> Model {
     let mechanism = match (read.mechanism.arms(), format!("{:?}", read.mechanism).as_str()) {
         (1, text) if text.contains("Revolute") => Mechanism::axis(Joint::Revolute),
         (1, _) => Mechanism::axis(Joint::Prismatic),
-        _ => Mechanism::Delta { telescope: read.mechanism.has_telescope() },
+        (_, text) if text.contains("Prismatic") => Mechanism::LINEAR_DELTA,
+        _ => Mechanism::delta(read.mechanism.has_telescope()),
     };
     let mut model = Model {
         name: read.name.clone(),
@@ -30,19 +55,7 @@ pub(crate) fn shipped(name: &str) -> Model {
         source: read.source.clone(),
         mechanism,
         assembled: read.assembled,
-        geometry: copy!(Geometry {
-            base_radius,
-            arm_length,
-            strut_length,
-            platform_radius,
-            pair_distance,
-            mounting_height,
-            upper_hooke_height,
-            lower_hooke_height,
-            flange_height,
-            arm_limits,
-            telescope_limits,
-        } of read.geometry),
+        geometry: geometry!(read.geometry),
         bodies: Bodies(read.bodies.0.map(|b| copy!(Inertia { mass, first_moment, tensor } of b))),
         link_parameters: LinkParameters::default(),
         drives: read

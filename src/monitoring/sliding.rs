@@ -139,7 +139,7 @@ impl Sliding {
 
     /// Loads on struts and sockets over the window.
     fn loads(&self, dataset: &Dataset) -> Result<Option<Loads>, FitError> {
-        if !self.plant.assembled || self.plant.mechanism != (Mechanism::Delta { telescope: true }) {
+        if !self.plant.assembled || self.plant.mechanism != Mechanism::delta(true) {
             return Ok(None);
         }
         let mut largest = [0.0f64; MULTIPLIERS];

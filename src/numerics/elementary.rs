@@ -19,7 +19,7 @@ pub fn tanh(x: f64) -> f64 {
         let z = x * x;
         let missing = 11_486_475.0 + z * (810_810.0 + z * (12_870.0 + z * 44.0));
         let whole = 34_459_425.0 + z * (16_216_200.0 + z * (945_945.0 + z * (13_860.0 + z * 45.0)));
-        x - x * z * missing / whole
+        (size - size * z * missing / whole).copysign(x)
     } else if size > SATURATED {
         1f64.copysign(x)
     } else {

@@ -1,6 +1,6 @@
 //! A point of a path in joint space: q, q′, q″, q‴.
 
-use nalgebra::{Matrix3, Vector3, Vector4};
+use nalgebra::{Matrix3, Vector4};
 use thiserror::Error;
 
 use super::Curve;
@@ -74,10 +74,7 @@ impl PathPoint {
         geometry.check_limits(&self.q[0], &position).map_err(PlaceError::Pose)?;
         let mut axes = Matrix3::zeros();
         for arm in 0..ARMS {
-            let angle = self.q[0][arm];
-            let strut = geometry.strut_vector(arm, angle, &position).normalize();
-            let normal = Geometry::radial(arm) * angle.sin() + Vector3::z() * angle.cos();
-            let sine = strut.dot(&normal).abs();
+            let (strut, sine) = geometry.transmission(arm, self.q[0][arm], &position);
             if sine < MIN_ARM_SINE {
                 return Err(PlaceError::Stretched { arm, sine, least: MIN_ARM_SINE });
             }

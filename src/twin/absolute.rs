@@ -6,22 +6,22 @@
 //! [Munthe-Kaas 1998]: θ̇ = dexp⁻¹(ω)); after each step the state is projected onto the rows. A disassembled robot has
 //! the rows of its bearings only. Elastic struts have one additional velocity each, the rate of their elongation.
 
-use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
 
 use super::SingularPose;
 use super::constraints::ROWS;
 use super::context::{Answer, Context};
 use super::forces::spin_restraint;
 use super::integrator::{Stage, System};
-use super::maximal::{Bearings, Extra, MaximalCoordinates, Solution as Constrained, Stretch, Stretches};
+use super::maximal::{Added, Bearings, Extra, MaximalCoordinates, Solution as Constrained, Stretch, Stretches};
 use super::rod::{self, Rod};
 use super::state::BodyState;
-use super::wrench::Twist;
+use super::wrench::{STILL, Twist};
 use crate::dynamics::Plant;
 use crate::effects::StrutSpring;
-use crate::kinematics::{BodyMotion, JointState, Motion, Reactions, SocketSet, Telescope};
+use crate::kinematics::{BodyMotion, JointState, Motion, Reactions, Screw, SocketSet, Telescope};
 use crate::machine::bodies::{ARM, BODIES, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER};
-use crate::machine::{ARMS, AXES, Geometry, STRUTS};
+use crate::machine::{ARMS, AXES, Actuator, Geometry, STRUTS};
 
 /// Per body: position, quaternion at the start of the step, rotation θ since then, velocity, angular velocity (inertial
 /// axes).
@@ -184,6 +184,14 @@ pub(super) fn store_velocities(y: &mut [f64], plant: &Plant, motion: &Motion, cl
     }
 }
 
+/// Sets all velocities to zero.
+pub(super) fn stop(y: &mut [f64]) {
+    for b in 0..BODIES {
+        y[BODY * b + VELOCITY..BODY * (b + 1)].fill(0.0);
+    }
+    y[STRETCH_RATE..LENGTH].fill(0.0);
+}
+
 fn store_stretches(y: &mut [f64], plant: &Plant, motion: &Motion) {
     let rates = rod::length_rates(plant, motion);
     for s in 0..STRUTS {
@@ -260,8 +268,11 @@ pub(super) fn motion(plant: &Plant, y: &[f64]) -> Motion {
     }
     for i in 0..ARMS {
         let (arm, x) = (&out.bodies[ARM + i], out.bodies[ARM + i].rotation.column(0));
-        out.q[i] = with_turns((-x.z).atan2(x.dot(&Geometry::radial(i))), out.q[i]);
-        out.qd[i] = arm.angular_velocity.dot(&Geometry::tangential(i));
+        out.q[i] = match geometry.arms {
+            Actuator::Revolute => with_turns((-x.z).atan2(x.dot(&Geometry::radial(i))), out.q[i]),
+            Actuator::Prismatic { .. } => x.dot(&(arm.position - Geometry::radial(i) * geometry.base_radius)),
+        };
+        out.qd[i] = out.drive(i).1.rate_of(&out.bodies[ARM + i]);
     }
     let rotor = &out.bodies[ROTOR];
     out.q[3] = with_turns(rotor.rotation[(1, 0)].atan2(rotor.rotation[(0, 0)]), out.q[3]);
@@ -275,6 +286,16 @@ pub(super) fn motion(plant: &Plant, y: &[f64]) -> Motion {
         out.telescope = Telescope::between(&lower.position, &lower.velocity, &geometry.upper_hooke());
     }
     out
+}
+
+/// Rate of a joint on `body`, rad/s or m/s, in a state-like vector.
+fn rate_of(screw: &Screw, body: usize, y: &[f64]) -> f64 {
+    screw.rate(&vector(&y[BODY * body + VELOCITY..]), &vector(&y[BODY * body + OMEGA..]))
+}
+
+fn rate_of_drive(motion: &Motion, axis: usize, y: &[f64]) -> f64 {
+    let (body, screw) = motion.drive(axis);
+    rate_of(&screw, body, y)
 }
 
 /// Accelerations of all bodies, and joint forces.
@@ -306,23 +327,20 @@ impl Absolute<'_> {
     ) -> Result<Solution, SingularPose> {
         self.context.prepare(t, y, motion);
         if let Some((sum, _)) = implicit {
-            self.context.scratch.motors.sums = std::array::from_fn(|i| {
-                let (body, direction) = Motion::drive(i);
-                vector(&sum[BODY * body + OMEGA..]).dot(&direction)
-            });
+            self.context.scratch.motors.sums = std::array::from_fn(|i| rate_of_drive(motion, i, sum));
         }
         let Context { plant, torque, closed, .. } = &*self.context;
         let (torque, closed) = (torque.at(t), *closed);
-        let mut moments = [Vector3::zeros(); BODIES];
+        let mut pushes = [STILL; BODIES];
         for (axis, torque) in torque.into_iter().enumerate() {
-            let (body, direction) = Motion::drive(axis);
-            moments[body] += direction * torque;
+            let (body, screw) = motion.drive(axis);
+            screw.push(&mut pushes[body], torque);
         }
         let mut stretches = self.joints.stretches(y);
         let mut damping = None;
         match implicit {
             Some((sum, g)) if g > 0.0 => {
-                damping = Some(self.implicit_terms((t, y, motion), (sum, g), &mut moments, stretches.as_mut()));
+                damping = Some(self.implicit_terms((t, y, motion), (sum, g), &mut pushes, stretches.as_mut()));
             }
             Some(_) => {
                 // An explicit method runs without loads on the spins; their stiff restraint is omitted, so that they
@@ -330,7 +348,7 @@ impl Absolute<'_> {
                 for s in 0..STRUTS {
                     let u = motion.strut_axis[s];
                     let spin = motion.bodies[STRUT + s].angular_velocity.dot(&u);
-                    moments[STRUT + s] += u * (spin_restraint(plant, closed, s) * spin);
+                    pushes[STRUT + s].1 += u * (spin_restraint(plant, closed, s) * spin);
                 }
             }
             None => {}
@@ -338,8 +356,9 @@ impl Absolute<'_> {
         let joints = &mut *self.joints;
         self.context.solve(t, y, motion, |plant, wrenches, answer| {
             let mut all = *wrenches;
-            for (wrench, moment) in all.iter_mut().zip(&moments) {
-                wrench.1 += moment;
+            for (wrench, push) in all.iter_mut().zip(&pushes) {
+                wrench.0 += push.0;
+                wrench.1 += push.1;
             }
             let solution = joints.solve(
                 plant,
@@ -349,8 +368,8 @@ impl Absolute<'_> {
                 Extra { damping: damping.as_ref(), stretches: stretches.as_ref() },
             )?;
             let drives = std::array::from_fn(|axis| {
-                let (body, direction) = Motion::drive(axis);
-                solution.bodies[body].1.dot(&direction)
+                let (body, screw) = motion.drive(axis);
+                screw.rate(&solution.bodies[body].0, &solution.bodies[body].1)
             });
             let (reactions, bodies) = (solution.reactions, solution.bodies);
             *answer = Answer { reactions, drives, platform: bodies[PLATFORM].0, bodies };
@@ -358,36 +377,35 @@ impl Absolute<'_> {
         })
     }
 
-    /// Adds the implicit terms of a Rosenbrock stage, moments and predicted spring forces; returns the contribution of
-    /// damping to the rotational blocks of the mass matrix, kg·m².
+    /// Adds the implicit terms of a Rosenbrock stage, forces, moments and predicted spring forces; returns the
+    /// contribution of damping to the blocks of the mass matrix.
     fn implicit_terms(
         &self,
         (t, y, motion): (f64, &[f64], &Motion),
         (sum, g): (&[f64], f64),
-        moments: &mut [Vector3<f64>; BODIES],
+        pushes: &mut [Twist; BODIES],
         stretches: Option<&mut Stretches>,
-    ) -> [Matrix3<f64>; BODIES] {
+    ) -> [Added; BODIES] {
         let Context { forces, layout, torque, scratch, .. } = &*self.context;
         let drives = torque.at(t);
-        let mut blocks = [Matrix3::zeros(); BODIES];
+        let mut blocks = [Added::NONE; BODIES];
         let damped = &scratch.damping;
-        let mut restrain = |body: usize, axis: Vector3<f64>, d: f64| {
-            let rate = vector(&sum[BODY * body + OMEGA..]).dot(&axis);
-            moments[body] -= axis * (d * rate);
-            blocks[body] += axis * axis.transpose() * (g * d);
+        let mut restrain = |body: usize, screw: Screw, d: f64| {
+            screw.push(&mut pushes[body], -d * rate_of(&screw, body, sum));
+            blocks[body].along(&screw, g * d);
         };
         for axis in 0..AXES {
-            let (body, direction) = Motion::drive(axis);
-            restrain(body, direction, damped.drives[axis]);
+            let (body, screw) = motion.drive(axis);
+            restrain(body, screw, damped.drives[axis]);
         }
         for s in 0..STRUTS {
-            restrain(STRUT + s, motion.strut_axis[s], damped.spins[s]);
+            restrain(STRUT + s, Screw::turning(motion.strut_axis[s]), damped.spins[s]);
         }
         let (own, moved) = (&y[layout.own()], &sum[layout.own()]);
         for (arm, inertia, torque) in forces.gear_terms(&drives, &scratch.motors, own, moved, g) {
-            let (body, direction) = Motion::drive(arm);
-            moments[body] += direction * torque;
-            blocks[body] += direction * direction.transpose() * inertia;
+            let (body, screw) = motion.drive(arm);
+            screw.push(&mut pushes[body], torque);
+            blocks[body].along(&screw, inertia);
         }
         for (s, stretch) in stretches.into_iter().flatten().enumerate() {
             let spring = &self.joints.springs.unwrap_or_default()[s];
@@ -442,8 +460,8 @@ impl System for Absolute<'_> {
             k[STRETCH_RATE + s] = slope;
         }
         for axis in 0..AXES {
-            let (body, direction) = Motion::drive(axis);
-            motion.qdd[axis] = solution.bodies[body].1.dot(&direction);
+            let (body, screw) = motion.drive(axis);
+            motion.qdd[axis] = screw.rate(&solution.bodies[body].0, &solution.bodies[body].1);
         }
         let struts = self.joints.spring_power(y);
         self.context.rest_of_stage(stage, &motion, struts, k);

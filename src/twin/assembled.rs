@@ -20,6 +20,8 @@ const NU: usize = 17;
 const SPIN: usize = NU + OPEN;
 /// Length of positions and velocities.
 pub(super) const LENGTH: usize = SPIN + STRUTS;
+/// Place of the velocities.
+pub(super) const RATES: std::ops::Range<usize> = NU..LENGTH;
 
 /// The frame of the last evaluation.
 #[derive(Default)]

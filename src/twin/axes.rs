@@ -3,8 +3,6 @@
 //! Every body rotates about a fixed axis e through its origin, so that the axes are decoupled: with Θ the moment of
 //! inertia about e, h the first moment and M the moments of effects and contacts, Θ·q̈ = τ + e·(M + h × g).
 
-use nalgebra::Vector3;
-
 use super::SingularPose;
 use super::context::Context;
 use super::integrator::{Stage, System};
@@ -14,6 +12,8 @@ use crate::machine::AXES;
 
 /// Number of angles and rates, in this order.
 pub(super) const LENGTH: usize = 2 * AXES;
+/// Place of the rates.
+pub(super) const RATES: std::ops::Range<usize> = AXES..LENGTH;
 
 /// Right-hand side for one step.
 pub(super) struct Axes<'a> {
@@ -42,13 +42,13 @@ impl Axes<'_> {
         self.context.solve(t, y, motion, |plant, wrenches, answer| {
             let mut qdd = [0.0; AXES];
             for axis in 0..plant.mechanism.axes() {
-                let (body, e) = Motion::drive(axis);
+                let (body, screw) = motion.drive(axis);
                 let (inertia, rotation) = (&plant.bodies[body], &motion.bodies[body].rotation);
-                let (added, moment) = implicit[axis];
-                let about: Vector3<f64> = rotation.tr_mul(&e);
-                let weight = (rotation * inertia.first_moment).cross(&plant.gravity_vector());
-                let theta = about.dot(&(inertia.tensor * about)) + added;
-                qdd[axis] = (torque[axis] + moment + e.dot(&(wrenches[body].1 + weight))) / theta;
+                let (added, push) = implicit[axis];
+                let gravity = plant.gravity_vector();
+                let weight = (gravity * inertia.mass, (rotation * inertia.first_moment).cross(&gravity));
+                let load = screw.effort(&wrenches[body]) + screw.effort(&weight);
+                qdd[axis] = (torque[axis] + push + load) / (screw.inertia(inertia, rotation) + added);
             }
             if qdd.iter().all(|x| x.is_finite()) {
                 answer.drives = qdd;

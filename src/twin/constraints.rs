@@ -1,13 +1,13 @@
 //! The 74 constraint rows at position and velocity level.
 //!
-//! Four revolute joints to the base (5 rows each), twelve spherical joints (3), the revolute joint of the end effector
+//! Four revolute joints to the base (5 rows each; those of carriages are prismatic), twelve spherical joints (3), the revolute joint of the end effector
 //! (5), two Hooke joints (4) and the prismatic joint of the telescope (5).
 
 use nalgebra::Vector3;
 
-use crate::kinematics::{BodyMotion, Motion};
+use crate::kinematics::{Arm, BodyMotion, Motion};
 use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{ARMS, Geometry, STRUTS};
+use crate::machine::{ARMS, Actuator, Geometry, STRUTS};
 
 /// Number of constraint rows.
 pub const ROWS: usize = crate::recording::ROWS;
@@ -27,11 +27,7 @@ pub fn rows(geometry: &Geometry, motion: &Motion) -> [(f64, f64); ROWS] {
     let mut out = Rows { values: [(0.0, 0.0); ROWS], n: 0 };
     let b = &motion.bodies;
     for i in 0..ARMS {
-        let (u, z) = (Moving::fixed(Geometry::radial(i)), Moving::fixed(Vector3::z()));
-        let arm = &b[ARM + i];
-        out.same_point(Moving::point(arm, Vector3::zeros()), Moving::fixed(Geometry::radial(i) * geometry.base_radius));
-        out.normal(Moving::axis(arm, 1), u);
-        out.normal(Moving::axis(arm, 1), z);
+        out.bearing(geometry, i, &b[ARM + i]);
     }
     let hooke = Moving::fixed(geometry.upper_hooke());
     out.same_point(Moving::point(&b[ROTOR], Vector3::zeros()), hooke);
@@ -108,6 +104,27 @@ impl Rows {
         let d = a.minus(&b);
         for i in 0..3 {
             self.push(d.x[i], d.rate[i]);
+        }
+    }
+
+    /// The bearing of an arm: its shaft, or its guide.
+    fn bearing(&mut self, geometry: &Geometry, limb: usize, arm: &BodyMotion) {
+        let guide = Arm::new(geometry, limb, 0.0);
+        let origin = Moving::point(arm, Vector3::zeros());
+        match geometry.arms {
+            Actuator::Revolute => {
+                self.same_point(origin, Moving::fixed(guide.origin));
+                self.normal(Moving::axis(arm, 1), Moving::fixed(Geometry::radial(limb)));
+                self.normal(Moving::axis(arm, 1), Moving::fixed(Vector3::z()));
+            }
+            Actuator::Prismatic { .. } => {
+                let offset = origin.minus(&Moving::fixed(guide.origin));
+                self.normal(offset, Moving::fixed(Geometry::tangential(limb)));
+                self.normal(offset, Moving::fixed(guide.z));
+                for (own, fixed) in [(1, guide.x), (1, guide.z), (0, guide.z)] {
+                    self.normal(Moving::axis(arm, own), Moving::fixed(fixed));
+                }
+            }
         }
     }
 

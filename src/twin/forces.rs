@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::wrench::{STILL, Twist};
 use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, GearSpring, Instant, Kind, Part, Wrenches};
-use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
+use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, Screw, SocketSet};
 use crate::machine::bodies::{BODIES, STRUT};
 use crate::machine::{ARMS, AXES, STRUTS};
 use crate::numerics::tanh;
@@ -231,10 +231,10 @@ impl Forces {
                 active.effect.wrenches(&active.values(), &instant, &mut out);
                 powers[k] = out.power();
                 for (i, ..) in self.elastic(scene.own) {
-                    let (body, direction) = Motion::drive(i);
-                    let torque = own[body].1.dot(&direction);
-                    own[body].1 -= direction * torque;
-                    powers[k] -= torque * motion.bodies[body].angular_velocity.dot(&direction);
+                    let (body, screw) = motion.drive(i);
+                    let torque = screw.effort(&own[body]);
+                    screw.push(&mut own[body], -torque);
+                    powers[k] -= torque * screw.rate_of(&motion.bodies[body]);
                     motors[i] += torque;
                 }
                 for (sum, own) in wrenches.iter_mut().zip(own) {
@@ -255,9 +255,9 @@ impl Forces {
         let mut power = 0.0;
         if self.brake > 0.0 {
             for axis in 0..AXES {
-                let (body, direction) = Motion::drive(axis);
+                let (body, screw) = motion.drive(axis);
                 let torque = -self.brake * tanh(BRAKE_STEEPNESS * motion.qd[axis]);
-                wrenches[body].1 += direction * torque;
+                screw.push(&mut wrenches[body], torque);
                 power += torque * motion.qd[axis];
             }
         }
@@ -432,8 +432,8 @@ impl Forces {
         reactions: &Reactions,
         damping: &mut Damping,
     ) {
-        let slope = |[base, moved]: &[[Twist; BODIES]; 2], body: usize, axis: &Vector3<f64>| {
-            ((base[body].1 - moved[body].1).dot(axis) / RATE).max(0.0)
+        let slope = |[base, moved]: &[[Twist; BODIES]; 2], body: usize, screw: &Screw| {
+            ((screw.effort(&base[body]) - screw.effort(&moved[body])) / RATE).max(0.0)
         };
         (damping.drives, damping.motors) = ([0.0; AXES], [0.0; ARMS]);
         for (effects, on_rotors) in [(&self.damps[Freedom::Drives as usize], false), (&self.motor_damps, true)] {
@@ -442,8 +442,8 @@ impl Forces {
             }
             let probe = self.probe((plant, scene, reactions), motion, Freedom::Drives, effects);
             for a in 0..AXES {
-                let (body, axis) = Motion::drive(a);
-                let slope = slope(&probe, body, &axis);
+                let (body, screw) = motion.drive(a);
+                let slope = slope(&probe, body, &screw);
                 match damping.motors.get_mut(a) {
                     Some(motor) if on_rotors && self.elastic(scene.own).any(|(i, ..)| i == a) => *motor += slope,
                     _ => damping.drives[a] += slope,
@@ -465,7 +465,7 @@ impl Forces {
             let probe = self.probe((plant, scene, reactions), motion, Freedom::Spins, spins);
             let mut worst = 0f64;
             for s in 0..STRUTS {
-                let slope = slope(&probe, STRUT + s, &motion.strut_axis[s]);
+                let slope = slope(&probe, STRUT + s, &Screw::turning(motion.strut_axis[s]));
                 damping.spins[s] += slope;
                 worst = worst.max(slope);
             }

@@ -220,9 +220,9 @@ impl Twin {
         };
         let mut wrenches = *self.context.loads();
         for (axis, torque) in torque.at(self.t).into_iter().enumerate() {
-            let (body, direction) = Motion::drive(axis);
-            motion.qdd[axis] = motion.bodies[body].angular_acceleration.dot(&direction);
-            wrenches[body].1 += direction * torque;
+            let (body, screw) = motion.drive(axis);
+            motion.qdd[axis] = screw.rate(&motion.bodies[body].acceleration, &motion.bodies[body].angular_acceleration);
+            screw.push(&mut wrenches[body], torque);
         }
         let [encoder_rate, encoder_acceleration] = self.context.of_encoders(self.t, &self.y, &motion);
         Ok(Snapshot { motion, encoder_rate, encoder_acceleration, reactions, sockets, wrenches, multipliers })
@@ -327,8 +327,8 @@ impl Twin {
             (body.velocity, body.angular_velocity) = (*v, *omega);
         }
         for axis in 0..AXES {
-            let (body, direction) = Motion::drive(axis);
-            moved.qd[axis] = moved.bodies[body].angular_velocity.dot(&direction);
+            let (body, screw) = moved.drive(axis);
+            moved.qd[axis] = screw.rate_of(&moved.bodies[body]);
         }
         self.context.plant = joined;
         self.reload(Some(&moved))?;
@@ -347,6 +347,22 @@ impl Twin {
         self.reload(None)?;
         self.reference_energy += self.energy_balance() - balance;
         Ok(())
+    }
+
+    /// Stops all bodies where they are; the kinetic energy is lost instantaneously.
+    pub fn halt(&mut self) {
+        self.invalidate();
+        let balance = self.energy_balance();
+        let rates = match &self.form {
+            Form::Assembled(..) => assembled::RATES,
+            Form::Axes => axes::RATES,
+            Form::Absolute(_) => {
+                absolute::stop(&mut self.y);
+                0..0
+            }
+        };
+        self.y[rates].fill(0.0);
+        self.reference_energy += self.energy_balance() - balance;
     }
 
     fn reload(&mut self, moved: Option<&Motion>) -> Result<(), SingularPose> {

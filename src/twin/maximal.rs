@@ -39,7 +39,7 @@ use super::constraints::ROWS;
 use super::state::{BodyState, rotation};
 use crate::dynamics::Plant;
 use crate::kinematics::motion::SOCKETS;
-use crate::kinematics::{BodyMotion, Reactions, SocketSet};
+use crate::kinematics::{BodyMotion, Reactions, Screw, SocketSet};
 use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER};
 use crate::machine::{Bodies, Inertia, STRUTS};
 
@@ -136,8 +136,8 @@ impl Default for MaximalCoordinates {
 /// Terms of the equations besides rigid bodies.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Extra<'a> {
-    /// Addition to the rotational blocks of the mass matrix, kg·m².
-    pub damping: Option<&'a [Matrix3<f64>; BODIES]>,
+    /// Addition to the blocks of the mass matrix.
+    pub damping: Option<&'a [Added; BODIES]>,
     /// Elastic struts; `None` if they are rigid.
     pub stretches: Option<&'a Stretches>,
 }
@@ -165,7 +165,7 @@ impl MaximalCoordinates {
     ///
     /// `bodies` holds poses and velocities; W is the sum of `wrenches` (applied forces and moments about the origins, N
     /// and N·m, inertial axes: effects, drives, contacts), weight and velocity products. `damping` is added to the
-    /// rotational blocks of M, kg·m², symmetric, inertial axes: h·γ·D of an implicit integrator.
+    /// blocks of M: h·γ·D of an implicit integrator.
     ///
     /// # Errors
     /// [`SingularPose`] if an inertia is not physically consistent or the equations cannot be solved to 1e-9 of their
@@ -176,7 +176,7 @@ impl MaximalCoordinates {
         bodies: &[BodyMotion; BODIES],
         closed: SocketSet,
         wrenches: &[Pair; BODIES],
-        damping: Option<&[Matrix3<f64>; BODIES]>,
+        damping: Option<&[Added; BODIES]>,
     ) -> Result<&Solution, SingularPose> {
         self.solve_with(plant, bodies, closed, wrenches, Extra { damping, stretches: None })
     }
@@ -337,7 +337,7 @@ impl Workspace {
         plant: &Plant,
         bodies: &[BodyMotion; BODIES],
         closed: SocketSet,
-        damping: Option<&[Matrix3<f64>; BODIES]>,
+        damping: Option<&[Added; BODIES]>,
         stretches: Option<&Stretches>,
     ) -> Result<(), SingularPose> {
         let rigid = &plant.geometry.strut_length;
@@ -515,16 +515,44 @@ fn worst(a: f64, b: f64) -> f64 {
     if a.abs() < b.abs() || b.is_nan() { b.abs() } else { a }
 }
 
-/// Spatial inertia about the body's origin, inertial axes: [m, −h×; h×, Θ + D] with h = m·c.
-fn spatial(inertia: &Inertia, r: &Matrix3<f64>, damping: Option<&Matrix3<f64>>) -> [Six; 6] {
+/// Addition to the mass matrix of a body, symmetric, inertial axes.
+#[derive(Clone, Copy, Debug)]
+pub struct Added {
+    /// To the block of velocities, kg.
+    linear: Matrix3<f64>,
+    /// To the block of angular velocities, kg·m².
+    angular: Matrix3<f64>,
+}
+
+impl Added {
+    /// No addition.
+    pub const NONE: Self = Self {
+        linear: Matrix3::new(0., 0., 0., 0., 0., 0., 0., 0., 0.),
+        angular: Matrix3::new(0., 0., 0., 0., 0., 0., 0., 0., 0.),
+    };
+
+    /// Adds `inertia` (kg·m² or kg) along a joint.
+    pub fn along(&mut self, screw: &Screw, inertia: f64) {
+        self.linear += screw.linear * screw.linear.transpose() * inertia;
+        self.angular += screw.angular * screw.angular.transpose() * inertia;
+    }
+}
+
+/// Spatial inertia about the body's origin, inertial axes: [m + D_v, −h×; h×, Θ + D_ω] with h = m·c.
+fn spatial(inertia: &Inertia, r: &Matrix3<f64>, damping: Option<&Added>) -> [Six; 6] {
     let h = r * inertia.first_moment;
     let mut tensor = r * inertia.tensor * r.transpose();
-    if let Some(d) = damping {
-        tensor += d;
-    }
     let mut m = [[0.0; 6]; 6];
+    if let Some(added) = damping {
+        tensor += added.angular;
+        for k in 0..3 {
+            for i in 0..3 {
+                m[k][i] = added.linear[(i, k)];
+            }
+        }
+    }
     for k in 0..3 {
-        m[k][k] = inertia.mass;
+        m[k][k] += inertia.mass;
         for i in 0..3 {
             m[3 + k][3 + i] = 0.5 * (tensor[(i, k)] + tensor[(k, i)]);
         }

@@ -63,7 +63,7 @@ pub fn poses(machine: &Model, options: &Options, frame: &Frame) -> Option<Poses>
         return None;
     }
     let last = match machine.mechanism {
-        Mechanism::Delta { telescope: true } => TELESCOPE_UPPER + 2,
+        Mechanism::Delta { telescope: true, .. } => TELESCOPE_UPPER + 2,
         _ => ROTOR - 1,
     };
     let bodies = (0..last).filter(|b| *b != ROTOR).map(|b| (body_name(b), frame.bodies[b]));

@@ -451,6 +451,7 @@ impl<'a> Run<'a> {
             self.rested = true;
             let since = self.rest_since.unwrap_or(t);
             self.event(since, EventKind::Rest, "everything is at rest");
+            self.halt();
         }
     }
 

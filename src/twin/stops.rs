@@ -129,8 +129,8 @@ pub(super) fn add(plant: &Plant, motion: &Motion, hits: &[Option<Hit>; STOPS], w
                 wrenches[outer].1 -= moment;
             }
             arm => {
-                let (body, direction) = Motion::drive(arm);
-                wrenches[body].1 += direction * push;
+                let (body, screw) = motion.drive(arm);
+                screw.push(&mut wrenches[body], push);
             }
         }
     }

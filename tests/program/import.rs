@@ -239,6 +239,45 @@ fn from_a_file_to_a_diagnosis_of_an_axis() {
     }
 }
 
+/// A pendulum whose encoder was switched on twice is one machine: the zero of the second recording is found, said, and
+/// left alone on request.
+#[test]
+fn recordings_with_other_zeros_are_one_data_set() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let names = [path("run.csv"), path("again.csv")];
+    let zero = 0.7;
+    for (name, seed, zero) in [(&names[0], 5, 0.0), (&names[1], 6, zero)] {
+        let with_weight = |[t, q, torque]: &[f64; 3]| [*t, q - zero, torque + 0.4 * q.sin() + 0.1 * q.cos()];
+        let data: Vec<[f64; 3]> = bench(seed).iter().map(with_weight).collect();
+        std::fs::write(
+            name,
+            format!("time,position [rad],torque [Nm]\n{}", rows(&data, ",", |_, x| format!("{x:.7}"))),
+        )
+        .unwrap();
+    }
+    let model = path("axis.toml");
+    let said = made(&["new", "axis", &names[0], &names[1], "-o", &model]);
+    assert!(said.contains("added to its positions"), "{said}");
+    let fit = |more: &[&str]| -> serde_json::Value {
+        let arguments = [&["identify", &model, &names[0], &names[1], "--json"], more].concat();
+        serde_json::from_str(&done(&arguments)).unwrap()
+    };
+    let joined = fit(&[]);
+    let found = &joined["zeros"][0];
+    let [offset, std] = ["offset", "std"].map(|key| found[key].as_f64().unwrap());
+    assert_eq!((found["recording"].as_str(), found["unit"].as_str()), (Some("again"), Some("rad")));
+    assert!((offset - zero).abs() < 4.0 * std && std < 0.01, "{found}");
+    let sine = joined["parameters"]["axis_gravity.sine"]["value"].as_f64().unwrap();
+    assert!((sine + 0.4).abs() < 0.01, "{sine} N·m");
+    let rms = |fit: &serde_json::Value| fit["rms"][0].as_f64().unwrap();
+    assert!(rms(&joined) < 1.1 * TRUTH[3], "{} N·m", rms(&joined));
+    let kept = fit(&["--keep-zeros", "--no-gate"]);
+    assert_eq!(kept["zeros"].as_array().map(Vec::len), Some(0));
+    assert!(rms(&kept) > 5.0 * rms(&joined), "{} N·m", rms(&kept));
+}
+
 #[test]
 fn a_delta_robot_starts_from_a_template() {
     common::at_root();

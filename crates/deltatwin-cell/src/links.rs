@@ -1,14 +1,14 @@
 //! Collision shapes of the robot's links, and pairs of links that can collide.
 
 use deltatwin::cell::links::{
-    ARM_RADIUS, ARM_TRIM, BALL_RADIUS, FLANGE_RADIUS, PLATFORM_INSET, PLATFORM_THICKNESS, ROD_CLEARANCE, ROD_RADIUS,
-    STRUT_RADIUS, TUBE_CLEARANCE, TUBE_RADIUS,
+    ARM_RADIUS, ARM_TRIM, BALL_RADIUS, CARRIAGE_RADIUS, FLANGE_RADIUS, PLATFORM_INSET, PLATFORM_THICKNESS,
+    ROD_CLEARANCE, ROD_RADIUS, STRUT_RADIUS, TUBE_CLEARANCE, TUBE_RADIUS,
 };
 use deltatwin::cell::{Mobility, Object, Shape, Surface};
 use deltatwin::kinematics::SocketSet;
 use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use deltatwin::machine::{ARMS, Geometry, STRUTS};
+use deltatwin::machine::{ARMS, Actuator, Geometry, STRUTS};
 use nalgebra::{Matrix3, Vector3};
 
 use super::hull::Hull;
@@ -52,7 +52,15 @@ pub fn parts(geometry: &Geometry) -> Vec<Part> {
         let elbow = Vector3::x() * geometry.arm_length;
         let end = Vector3::x() * (geometry.arm_length - ARM_TRIM).max(0.5 * geometry.arm_length);
         let pair = Vector3::y() * (0.5 * geometry.pair_distance);
-        parts.push(Part::new(ARM + i, Hull::chain(&[Vector3::zeros(), end], ARM_RADIUS, false), true));
+        let body = match geometry.arms {
+            Actuator::Revolute => Hull::chain(&[Vector3::zeros(), end], ARM_RADIUS, false),
+            // Beside the ball line, away from the struts.
+            Actuator::Prismatic { .. } => {
+                let middle = elbow + Vector3::z() * (2.0 * CARRIAGE_RADIUS + BALL_RADIUS);
+                Hull::chain(&[middle - pair, middle + pair], CARRIAGE_RADIUS, false)
+            }
+        };
+        parts.push(Part::new(ARM + i, body, true));
         parts.push(Part::new(ARM + i, Hull::chain(&[elbow - pair, elbow + pair], BALL_RADIUS, false), false));
     }
     for s in 0..STRUTS {

@@ -152,7 +152,7 @@ pub fn check_output(output: &Path, inputs: &[&Path], extensions: &[&str]) -> mie
 /// Reads the model of an assembled delta robot with telescope.
 pub fn assembled_robot(file: &Path) -> miette::Result<Model> {
     let model = model::read(file)?;
-    if !model.assembled || model.mechanism != (Mechanism::Delta { telescope: true }) {
+    if !model.assembled || model.mechanism != Mechanism::delta(true) {
         return Err(miette!("{}: expected the model of an assembled delta robot with telescope", file.display()));
     }
     Ok(model)

@@ -174,7 +174,7 @@ fn used(
     frames: &[usize],
 ) -> Result<Option<Vec<[f64; SOCKETS]>>, KinematicsError> {
     let hold = model.sockets.dislocation_force;
-    if !plant.assembled || plant.mechanism != (Mechanism::Delta { telescope: true }) || hold <= 0.0 {
+    if !plant.assembled || plant.mechanism != Mechanism::delta(true) || hold <= 0.0 {
         return Ok(None);
     }
     let of = |&k: &usize| {

@@ -7,7 +7,7 @@ use super::InternalStates;
 use super::{Count, Effects, Instant, Layout, Param, Parameter, Role, Values};
 use crate::effects::{Effect, GearSpring, StrutSpring};
 use crate::kinematics::JointState;
-use crate::machine::{ARMS, AXES, Bodies, Drive, Geometry, Mechanism, STRUTS, Sockets};
+use crate::machine::{ARMS, AXES, Bodies, Drive, Geometry, Joint, Mechanism, Part, STRUTS, Sockets};
 use crate::recording::Signals;
 
 /// Properties of a machine on which the parameters of effects depend: their number, units and typical magnitudes, the
@@ -60,22 +60,29 @@ impl Default for Host {
 }
 
 impl Host {
-    /// Properties of a machine with drives like `drive`; every delta robot counts as the reference machine.
+    /// Properties of a machine with drives like `drive`; every delta robot whose arms turn counts as the
+    /// reference machine.
     pub fn new(mechanism: Mechanism, drive: &Drive) -> Self {
         let (torque, speed) = match mechanism {
-            Mechanism::Delta { .. } => (1.0, 1.0),
-            Mechanism::Axis(_) => (drive.max_torque / STATED.0, drive.max_speed / STATED.1),
+            Mechanism::Delta { arms: Joint::Revolute, .. } => (1.0, 1.0),
+            Mechanism::Delta { arms: Joint::Prismatic, .. } | Mechanism::Axis(_) => {
+                (drive.max_torque / STATED.0, drive.max_speed / STATED.1)
+            }
         };
         Self { mechanism, torque, speed }
     }
 
-    /// `parameter` with unit, typical magnitude and range converted to this machine.
-    pub fn parameter(&self, parameter: &Parameter) -> Parameter {
-        let unit = self.mechanism.unit(parameter.unit);
-        let factor = unit.scale(self.torque, self.speed);
+    /// `parameter` of an effect on `part` with unit, typical magnitude and range converted to this machine.
+    pub fn parameter(&self, part: Part, parameter: &Parameter) -> Parameter {
+        let unit = self.mechanism.unit_on(part, parameter.unit);
+        let of_drives = matches!(self.mechanism, Mechanism::Axis(_)) || part == Part::Drives;
+        let factor = if of_drives { unit.scale(self.torque, self.speed) } else { 1.0 };
         let (low, high) = parameter.range;
         let (narrower, wider) = match self.mechanism {
             Mechanism::Axis(_) if unit.has_dimension() => wider(parameter.role),
+            Mechanism::Delta { arms: Joint::Prismatic, .. } if of_drives && unit.has_dimension() => {
+                wider(parameter.role)
+            }
             _ => (1.0, 1.0),
         };
         // Away from zero, and for lower limits of positive numbers towards it.
@@ -219,7 +226,7 @@ impl ActiveEffect {
         for (b, p) in self.effect.parameters().iter().enumerate() {
             let n = self.values().len(b);
             for i in 0..n {
-                let mut parameter = self.host.parameter(p);
+                let mut parameter = self.host.parameter(self.effect.acts_on(), p);
                 if p.count == Count::AllDrives && i == ARMS {
                     parameter.default *= TELESCOPE_DRIVE;
                 }
@@ -249,7 +256,7 @@ pub(crate) fn default_values(effect: &dyn Effect, host: Host) -> (Vec<f64>, Layo
     let layout = Layout::new(parameters.iter().map(|p| p.count.on(host.mechanism)));
     let mut values = vec![0.0; layout.len()];
     for (b, p) in parameters.iter().enumerate().filter(|(_, p)| p.role != Role::Linear) {
-        values[layout.starts[b]..layout.starts[b + 1]].fill(host.parameter(p).default);
+        values[layout.starts[b]..layout.starts[b + 1]].fill(host.parameter(effect.acts_on(), p).default);
     }
     (values, layout)
 }

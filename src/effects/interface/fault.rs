@@ -18,7 +18,7 @@ impl ActiveEffect {
                 first = Some((k, sum));
             }
         };
-        let mut out = Wrenches::new(&mut look);
+        let mut out = Wrenches::new(at.motion, &mut look);
         if along {
             self.effect.wrenches_along(&self.values(), at, &mut out);
         } else {

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use crate::kinematics::{Motion, Reactions, SocketSet};
 use crate::machine::bodies::{BODIES, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{AXES, Bodies, Payload};
+use crate::machine::{AXES, Bodies, Joint, Payload};
 
 /// Quantities on which a force law may depend.
 #[derive(Clone, Copy)]
@@ -38,15 +38,15 @@ pub struct Wrenches<'a> {
 
 enum Sink<'a> {
     /// Passes on `(parameter, body, force, moment)` one by one.
-    Each(&'a mut dyn FnMut(usize, usize, Vector3<f64>, Vector3<f64>)),
+    Each { motion: &'a Motion, read: &'a mut dyn FnMut(usize, usize, Vector3<f64>, Vector3<f64>) },
     /// Multiplies by the parameter values and sums over all laws, with the power.
     Sum { values: &'a [f64], motion: &'a Motion, total: &'a mut [(Vector3<f64>, Vector3<f64>); BODIES], power: f64 },
 }
 
 impl<'a> Wrenches<'a> {
-    /// Sink that passes every wrench to a function as `(parameter, body, force, moment)`.
-    pub fn new(sink: &'a mut dyn FnMut(usize, usize, Vector3<f64>, Vector3<f64>)) -> Self {
-        Self { sink: Sink::Each(sink) }
+    /// Sink that passes every wrench at a motion to a function as `(parameter, body, force, moment)`.
+    pub fn new(motion: &'a Motion, read: &'a mut dyn FnMut(usize, usize, Vector3<f64>, Vector3<f64>)) -> Self {
+        Self { sink: Sink::Each { motion, read } }
     }
 
     /// Sink that adds every wrench times its parameter value to `total`.
@@ -63,7 +63,7 @@ impl<'a> Wrenches<'a> {
     #[inline]
     pub fn wrench(&mut self, k: usize, body: usize, force: Vector3<f64>, moment: Vector3<f64>) {
         match &mut self.sink {
-            Sink::Each(read) => read(k, body, force, moment),
+            Sink::Each { read, .. } => read(k, body, force, moment),
             Sink::Sum { values, motion, total, power } => {
                 let (force, moment) = (force * values[k], moment * values[k]);
                 let (body, sum) = (&motion.bodies[body], &mut total[body]);
@@ -78,7 +78,7 @@ impl<'a> Wrenches<'a> {
     #[inline]
     pub fn force(&mut self, k: usize, body: usize, force: Vector3<f64>) {
         match &mut self.sink {
-            Sink::Each(read) => read(k, body, force, Vector3::zeros()),
+            Sink::Each { read, .. } => read(k, body, force, Vector3::zeros()),
             Sink::Sum { values, motion, total, power } => {
                 let force = force * values[k];
                 total[body].0 += force;
@@ -91,7 +91,7 @@ impl<'a> Wrenches<'a> {
     #[inline]
     pub fn moment(&mut self, k: usize, body: usize, moment: Vector3<f64>) {
         match &mut self.sink {
-            Sink::Each(read) => read(k, body, Vector3::zeros(), moment),
+            Sink::Each { read, .. } => read(k, body, Vector3::zeros(), moment),
             Sink::Sum { values, motion, total, power } => {
                 let moment = moment * values[k];
                 total[body].1 += moment;
@@ -100,11 +100,16 @@ impl<'a> Wrenches<'a> {
         }
     }
 
-    /// Adds a torque (N·m) on drive `axis`, positive along its joint angle; the reaction acts on the base.
+    /// Adds a torque (N·m, or N on a carriage) on drive `axis`, positive along its coordinate; the reaction acts on the
+    /// base.
     #[inline]
     pub fn drive_torque(&mut self, k: usize, axis: usize, torque: f64) {
-        let (body, direction) = Motion::drive(axis);
-        self.moment(k, body, direction * torque);
+        let (Sink::Each { motion, .. } | Sink::Sum { motion, .. }) = &self.sink;
+        let (body, screw) = motion.drive(axis);
+        match motion.arms {
+            Joint::Revolute => self.moment(k, body, screw.angular * torque),
+            Joint::Prismatic => self.wrench(k, body, screw.linear * torque, screw.angular * torque),
+        }
     }
 
     /// Adds a force (N) along the telescope, positive if it pushes the two parts apart.
@@ -119,7 +124,7 @@ impl<'a> Wrenches<'a> {
     pub fn socket_moment(&mut self, k: usize, socket: usize, moment: Vector3<f64>) {
         let (strut, partner) = Motion::socket_bodies(socket);
         match &mut self.sink {
-            Sink::Each(read) => {
+            Sink::Each { read, .. } => {
                 read(k, strut, Vector3::zeros(), moment);
                 read(k, partner, Vector3::zeros(), -moment);
             }

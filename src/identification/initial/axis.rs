@@ -15,7 +15,7 @@ use crate::identification::bandwidth::{bandwidth, narrow};
 use crate::identification::zeros::zeros;
 use crate::machine::bodies::{ARM, BODIES};
 use crate::machine::{
-    ARMS, AXES, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops,
+    ARMS, AXES, Actuator, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops,
 };
 use crate::model::Model;
 use crate::model::history::rounded_to;
@@ -378,6 +378,7 @@ fn empty(name: &str, mechanism: Mechanism, drive: Drive) -> Model {
         mechanism,
         assembled: false,
         geometry: Geometry {
+            arms: Actuator::Revolute,
             base_radius: 0.0,
             arm_length: 0.0,
             strut_length: [0.0; ARMS],

@@ -6,7 +6,7 @@ use super::super::SingularPose;
 use super::blocks::Paired;
 use super::pairs::Pairs;
 use super::{Mechanism, OpenVector, PLATFORM_V, Pose};
-use crate::kinematics::Motion;
+use crate::kinematics::{Arm, Motion};
 use crate::machine::bodies::{PLATFORM, STRUT};
 use crate::machine::{ARMS, Geometry, STRUTS};
 use crate::numerics::sin_cos;
@@ -29,10 +29,8 @@ impl Mechanism {
         let mut elbows = [Vector3::zeros(); ARMS];
         let mut elbow_jacobian = [Vector3::zeros(); ARMS];
         for i in 0..ARMS {
-            let (s, c) = sin_cos(pose.phi[i]);
-            let u = Geometry::radial(i);
-            elbows[i] = u * (g.base_radius + g.arm_length * c) - Vector3::z() * (g.arm_length * s);
-            elbow_jacobian[i] = Vector3::new(s * u.x, s * u.y, c) * -g.arm_length;
+            let arm = Arm::by(g, i, pose.phi[i], sin_cos);
+            (elbows[i], elbow_jacobian[i]) = (arm.elbow, arm.slope);
         }
         let (mut closed, mut corrections) = (false, 0);
         for _ in 0..MAX_CLOSURE_ITERATIONS {

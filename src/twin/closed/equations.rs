@@ -9,8 +9,8 @@ use super::pairs::Pairs;
 use super::{Frame, Mechanism, OpenVector};
 use crate::dynamics::Plant;
 use crate::effects::StrutSpring;
-use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT};
-use crate::machine::{ARMS, AXES, Geometry, STRUTS};
+use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT};
+use crate::machine::{ARMS, AXES, Joint, STRUTS};
 
 /// Implicit terms of a Rosenbrock step, added to the equations.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -161,12 +161,16 @@ impl Equations {
     pub fn add_arms(&mut self, loads: &Loads) {
         let Loads { plant, frame, wrenches, tau, implicit, gravity } = loads;
         for i in 0..ARMS {
-            let (arm, v) = (&frame.motion.bodies[ARM + i], Geometry::tangential(i));
-            let inertia = &plant.bodies[ARM + i];
-            self.drive[i] = inertia.tensor[(1, 1)] + implicit.drives[i];
-            let h = arm.rotation * inertia.first_moment;
+            let (body, screw) = frame.motion.drive(i);
+            let (rotation, inertia) = (&frame.motion.bodies[body].rotation, &plant.bodies[body]);
+            let own = match frame.motion.arms {
+                Joint::Revolute => inertia.tensor[(1, 1)],
+                Joint::Prismatic => inertia.mass,
+            };
+            self.drive[i] = own + implicit.drives[i];
+            let weight = (gravity * inertia.mass, (rotation * inertia.first_moment).cross(gravity));
             self.drive_force[i] =
-                wrenches[ARM + i].1.dot(&v) + h.cross(gravity).dot(&v) + tau[i] + implicit.drive_torque[i];
+                screw.effort(&wrenches[body]) + screw.effort(&weight) + tau[i] + implicit.drive_torque[i];
         }
     }
 

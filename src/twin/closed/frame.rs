@@ -5,9 +5,9 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use super::super::wrench::STILL;
 use super::chain::{Chain, ChainBias};
 use super::{Mechanism, OpenVector, Pose, platform_twist};
-use crate::kinematics::{BodyMotion, Motion, Telescope};
+use crate::kinematics::{Arm, BodyMotion, Motion, Telescope};
 use crate::machine::bodies::{ARM, BODIES, PLATFORM, ROTOR, STRUT};
-use crate::machine::{ARMS, AXES, Geometry, STRUTS};
+use crate::machine::{ARMS, AXES, Geometry, Joint, STRUTS};
 use crate::numerics::sin_cos;
 
 /// Linear maps and bias accelerations of one configuration, used by mass matrix and forces.
@@ -43,6 +43,7 @@ impl Frame {
         let none = Vector3::zeros();
         Self {
             motion: Motion {
+                arms: Joint::Revolute,
                 q: [0.0; AXES],
                 qd: [0.0; AXES],
                 qdd: [0.0; AXES],
@@ -78,23 +79,18 @@ impl Mechanism {
     pub fn frame(&self, pose: &Pose, nu: &OpenVector, spin: &[f64; STRUTS], out: &mut Frame) {
         let g = &self.geometry;
         let Frame { motion, roll_rate, length_rate, jacobians } = out;
-        let Motion { q, qd, bodies, strut_axis, strut_length, telescope, .. } = motion;
+        let Motion { arms, q, qd, bodies, strut_axis, strut_length, telescope, .. } = motion;
+        *arms = g.arms.joint();
         *q = [pose.phi[0], pose.phi[1], pose.phi[2], pose.psi];
         *qd = [nu[0], nu[1], nu[2], nu[3]];
         let mut elbows = [Vector3::zeros(); ARMS];
         for i in 0..ARMS {
-            let (s, c) = sin_cos(pose.phi[i]);
-            let (u, v) = (Geometry::radial(i), Geometry::tangential(i));
-            let x = Vector3::new(c * u.x, c * u.y, -s);
-            let z = Vector3::new(s * u.x, s * u.y, c);
-            let shaft = u * g.base_radius;
-            let arm = &mut bodies[ARM + i];
-            arm.rotation = Matrix3::from_columns(&[x, v, z]);
-            arm.position = shaft;
-            arm.angular_velocity = v * nu[i];
-            elbows[i] = shaft + x * g.arm_length;
-            jacobians.elbow[i] = z * -g.arm_length;
-            jacobians.elbow_bias[i] = x * (-g.arm_length * nu[i] * nu[i]);
+            let arm = Arm::by(g, i, pose.phi[i], sin_cos);
+            let screw = arm.screw(g, i);
+            bodies[ARM + i].place(arm.rotation(i), arm.origin, screw.linear * nu[i], screw.angular * nu[i]);
+            elbows[i] = arm.elbow;
+            jacobians.elbow[i] = arm.slope;
+            jacobians.elbow_bias[i] = arm.curvature * (nu[i] * nu[i]);
         }
         let velocity = Vector3::new(nu[4], nu[5], nu[6]);
         let omega = Vector3::new(nu[7], nu[8], nu[9]);

@@ -3,8 +3,8 @@
 use super::super::wrench::{STILL, Twist};
 use super::equations::{Ends, Loads};
 use super::{Frame, Mechanism, OpenVector, Solution, platform_twist};
-use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{ARMS, Geometry, STRUTS};
+use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{ARMS, STRUTS};
 
 impl Mechanism {
     /// Writes the complete solution, with socket forces and strut spins, from open accelerations and tensions.
@@ -40,7 +40,8 @@ impl Mechanism {
         let mut out = [STILL; BODIES];
         let nu = &solution.nu_rate;
         for i in 0..ARMS {
-            out[ARM + i].1 = Geometry::tangential(i) * nu[i];
+            let (body, screw) = motion.drive(i);
+            screw.push(&mut out[body], nu[i]);
         }
         out[ROTOR].1.z = nu[3];
         let (linear, angular) = platform_twist(nu);

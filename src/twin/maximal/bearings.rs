@@ -2,10 +2,10 @@
 //!
 //! M·a + Gᵀ·λ = W, G·a = γ with five rows and six velocities per body; the bodies are decoupled.
 
-use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion};
+use nalgebra::{SMatrix, SVector, UnitQuaternion};
 
 use super::rows::{BODY, ROW, Rows, bearing_block};
-use super::{Pair, Solution, momentum, motions, pair, six, spatial, velocity_products};
+use super::{Added, Pair, Solution, momentum, motions, pair, six, spatial, velocity_products};
 use crate::dynamics::Plant;
 use crate::kinematics::{BodyMotion, Motion, SocketSet};
 use crate::machine::STRUTS;
@@ -40,7 +40,7 @@ impl Bearings {
         plant: &Plant,
         bodies: &[BodyMotion; BODIES],
         wrenches: &[Pair; BODIES],
-        damping: Option<&[Matrix3<f64>; BODIES]>,
+        damping: Option<&[Added; BODIES]>,
     ) -> Result<&Solution, SingularPose> {
         let gravity = plant.gravity_vector();
         self.rows.fill(&plant.geometry, &lengths(plant), bodies, SocketSet::ALL);
@@ -85,7 +85,7 @@ impl Bearings {
         &mut self,
         plant: &Plant,
         bodies: &[BodyMotion; BODIES],
-        damping: Option<&[Matrix3<f64>; BODIES]>,
+        damping: Option<&[Added; BODIES]>,
         gamma: &[f64; ROWS],
         load: impl Fn(usize) -> Pair,
     ) -> Result<&Solution, SingularPose> {
@@ -122,7 +122,7 @@ impl Bearings {
 
 /// Bodies of the machine's axes.
 fn axes(plant: &Plant) -> impl Iterator<Item = usize> + use<> {
-    (0..plant.mechanism.axes()).map(|axis| Motion::drive(axis).0)
+    (0..plant.mechanism.axes()).map(Motion::driven)
 }
 
 fn first_block(body: usize) -> usize {

@@ -6,9 +6,9 @@
 
 use nalgebra::Vector3;
 
-use crate::kinematics::{BodyMotion, SocketSet};
+use crate::kinematics::{Arm, BodyMotion, SocketSet};
 use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{ARMS, Geometry, STRUTS};
+use crate::machine::{ARMS, Actuator, Geometry, STRUTS};
 use crate::twin::constraints::ROWS;
 
 /// Number of block rows: 20 rows act on one body (the other is the fixed base), 54 on two.
@@ -114,11 +114,26 @@ impl Rows {
     pub fn fill(&mut self, geometry: &Geometry, lengths: &[f64; STRUTS], b: &[BodyMotion; BODIES], closed: SocketSet) {
         for i in 0..ARMS {
             let (row, block, arm) = (bearing(i), bearing_block(i), &b[ARM + i]);
-            let shaft = Point::fixed(Geometry::radial(i) * geometry.base_radius);
-            self.same_point(row, Point::new(block, arm, Vector3::zeros()), shaft);
-            let y = Axis::new(block + 3, arm, 1);
-            self.normal(row + 3, y, Axis::fixed(Geometry::radial(i)));
-            self.normal(row + 4, Axis { block: Some(block + 4), ..y }, Axis::fixed(Vector3::z()));
+            match geometry.arms {
+                Actuator::Revolute => {
+                    let shaft = Point::fixed(Geometry::radial(i) * geometry.base_radius);
+                    self.same_point(row, Point::new(block, arm, Vector3::zeros()), shaft);
+                    let y = Axis::new(block + 3, arm, 1);
+                    self.normal(row + 3, y, Axis::fixed(Geometry::radial(i)));
+                    self.normal(row + 4, Axis { block: Some(block + 4), ..y }, Axis::fixed(Vector3::z()));
+                }
+                Actuator::Prismatic { .. } => {
+                    let guide = Arm::new(geometry, i, 0.0);
+                    let (v, offset) = (Geometry::tangential(i), arm.position - guide.origin);
+                    for (k, across) in [v, guide.z].into_iter().enumerate() {
+                        (self.values[row + k], self.gamma[row + k]) = (offset.dot(&across), 0.0);
+                        self.write(block + k, &across, &Vector3::zeros());
+                    }
+                    for (k, (own, fixed)) in [(1, guide.x), (1, guide.z), (0, guide.z)].into_iter().enumerate() {
+                        self.normal(row + 2 + k, Axis::new(block + 2 + k, arm, own), Axis::fixed(fixed));
+                    }
+                }
+            }
         }
         let (row, block, rotor) = (ROTOR_BEARING, ROTOR_BEARING_BLOCK, &b[ROTOR]);
         self.same_point(row, Point::new(block, rotor, Vector3::zeros()), Point::fixed(geometry.upper_hooke()));

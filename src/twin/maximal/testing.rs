@@ -172,8 +172,8 @@ pub(super) fn velocities(motion: &Motion) -> [Pair; BODIES] {
 pub(super) fn torques(tau: &[f64; 4]) -> [Pair; BODIES] {
     let mut out = [STILL; BODIES];
     for (a, tau) in tau.iter().enumerate() {
-        let (body, axis) = Motion::drive(a);
-        out[body].1 += axis * *tau;
+        let axis = if a < ARMS { Geometry::tangential(a) } else { Vector3::z() };
+        out[Motion::driven(a)].1 += axis * *tau;
     }
     out
 }

@@ -322,12 +322,12 @@ fn damping_adds_to_the_inertia() {
     let (plant, mut maximal) = (plant(), MaximalCoordinates::new());
     let joints = JointState { q: [0.3, 0.2, 0.4, 0.1], qd: [2.0, -1.0, 1.0, 4.0], qdd: [0.0; 4] };
     let motion = plant.motion(&joints).unwrap();
-    let mut damping = [Matrix3::zeros(); BODIES];
+    let mut damping = [Added::NONE; BODIES];
     let mut heavier = plant.clone();
     for b in (ARM..STRUT).chain([ROTOR]) {
-        let (_, axis) = Motion::drive(if b == ROTOR { 3 } else { b });
-        damping[b] = axis * axis.transpose() * 0.4;
-        let own = motion.bodies[b].rotation.tr_mul(&axis);
+        let (_, screw) = motion.drive(if b == ROTOR { 3 } else { b });
+        damping[b].along(&screw, 0.4);
+        let own = motion.bodies[b].rotation.tr_mul(&screw.angular);
         heavier.bodies[b].tensor += own * own.transpose() * 0.4;
     }
     let a = maximal.solve(&plant, &motion.bodies, SocketSet::ALL, &[STILL; BODIES], Some(&damping)).unwrap().clone();

@@ -85,12 +85,17 @@ impl Run<'_> {
         self.pace = (h * factor.clamp(SLOWEST, FASTEST)).clamp(given, self.period);
     }
 
-    /// Keeps a robot that has come to rest where it is until `end`, with the solution there: what would go on is the
-    /// creep of regularised friction.
-    pub(super) fn stay(&mut self, end: f64, solution: Snapshot) {
+    /// Stops a robot that has come to rest: what would go on is the creep of regularised friction.
+    pub(super) fn halt(&mut self) {
+        self.twin.halt();
+        self.known = None;
         if self.contact.iter().any(|w| *w != STILL) {
             self.twin.set_external(Load::constant(self.contact));
         }
+    }
+
+    /// Keeps a robot that has been stopped where it is until `end`, with the solution there.
+    pub(super) fn stay(&mut self, end: f64, solution: Snapshot) {
         self.twin.set_time(end);
         self.known = Some(solution);
     }

@@ -161,7 +161,7 @@ fn delta(args: &DeltaArgs) -> miette::Result<u8> {
     let mechanism = recordings[0].signals.mechanism;
     let template = match (chosen, mechanism) {
         (Some(model), _) => model,
-        (None, Mechanism::Delta { telescope }) => shipped(telescope)?,
+        (None, Mechanism::Delta { telescope, .. }) => shipped(telescope)?,
         (None, Mechanism::Axis(_)) => {
             return Err(miette!("{}: has one axis; `deltatwin new axis` makes its model", common.data[0].display()));
         }

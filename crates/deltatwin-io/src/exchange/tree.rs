@@ -11,7 +11,7 @@ use deltatwin::kinematics::{JointState, Motion};
 use deltatwin::machine::bodies::{
     ARM, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
 };
-use deltatwin::machine::{ARMS, Drive, Geometry, Inertia, STRUTS};
+use deltatwin::machine::{ARMS, Actuator, Drive, Geometry, Inertia, STRUTS};
 use deltatwin::model::Model;
 
 use super::friction::{Friction, Frictions};
@@ -137,8 +137,13 @@ impl Builder<'_> {
     /// Arms with their struts.
     fn limbs(&mut self) {
         for limb in 0..ARMS {
-            let turn = self.driven(limb, Freedom::Turn(Vector3::y()), Some(self.plant.geometry.arm_limits));
-            let arm = self.link(ARM + limb, None, vec![turn]);
+            let geometry = &self.plant.geometry;
+            let freedom = match geometry.arms {
+                Actuator::Revolute => Freedom::Turn(Vector3::y()),
+                Actuator::Prismatic { .. } => Freedom::Slide(Vector3::x()),
+            };
+            let axis = self.driven(limb, freedom, Some(geometry.arm_limits));
+            let arm = self.link(ARM + limb, None, vec![axis]);
             for strut in [2 * limb, 2 * limb + 1] {
                 let ball = passive(format!("socket{}_upper", strut + 1), Freedom::Ball);
                 self.link(STRUT + strut, Some((ARM + limb, arm)), vec![ball]);

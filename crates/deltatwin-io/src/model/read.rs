@@ -62,7 +62,7 @@ fn read_model(top: &Table) -> Checked<Model> {
     let mut geometry = schema::GEOMETRY_ZERO;
     let table = top.table("geometry")?;
     table.only(&keys(schema::geometry(mechanism)))?;
-    table.fill(schema::geometry(mechanism), &mut geometry, assembled, mechanism)?;
+    table.fill(schema::geometry(mechanism), &mut geometry, assembled, schema::of_links(mechanism))?;
     if !mechanism.has_telescope() {
         geometry.telescope_limits = NO_TELESCOPE;
     }
@@ -72,7 +72,7 @@ fn read_model(top: &Table) -> Checked<Model> {
     let drives = read_drives(&top.table("drives")?, mechanism)?;
     let (mut sockets, mut noise) = (schema::SOCKETS_ZERO, schema::NOISE_ZERO);
     if delta {
-        top.fill_table("sockets", schema::SOCKETS, &mut sockets, assembled, mechanism)?;
+        top.fill_table("sockets", schema::SOCKETS, &mut sockets, assembled, schema::of_links(mechanism))?;
     }
     let stops = read_stops(top, &geometry, mechanism)?;
     top.fill_table("noise", schema::noise(mechanism), &mut noise, assembled, mechanism)?;
@@ -152,14 +152,14 @@ fn read_mechanism(top: &Table) -> Checked<Mechanism> {
     let (mechanism, own): (_, &[&str]) = match kind {
         "delta" => {
             let telescope = top.optional_boolean("telescope")?.unwrap_or(true);
-            (Mechanism::Delta { telescope }, &["telescope", "assembled", "sockets", "stops"])
+            let arms = if top.entry("arms").is_some() { read_joint(top, "arms")? } else { Joint::Revolute };
+            if telescope && arms == Joint::Prismatic {
+                return Err(top.refuse("arms", "expected `telescope = false` beside arms that are carriages"));
+            }
+            (Mechanism::Delta { telescope, arms }, &["telescope", "arms", "assembled", "sockets", "stops"])
         }
         "axis" => {
-            let joint = match top.string("joint", "\"revolute\" or \"prismatic\"")? {
-                "revolute" => Joint::Revolute,
-                "prismatic" => Joint::Prismatic,
-                _ => return Err(top.refuse("joint", "expected \"revolute\" or \"prismatic\"")),
-            };
+            let joint = read_joint(top, "joint")?;
             (Mechanism::Axis(Axis { joint, effort: read_effort(top, joint)? }), &["joint", "effort"])
         }
         _ => return Err(top.refuse("mechanism", "expected \"delta\" or \"axis\", the mechanisms known")),
@@ -167,6 +167,16 @@ fn read_mechanism(top: &Table) -> Checked<Mechanism> {
     let tables = ["name", "mechanism", "geometry", "bodies", "drives", "noise", "effects", "history"];
     top.only(&[&tables[..], own, &keys(schema::top(mechanism))].concat())?;
     Ok(mechanism)
+}
+
+/// The joint type that `key` states.
+fn read_joint(top: &Table, key: &str) -> Checked<Joint> {
+    const EXPECTED: &str = "\"revolute\" or \"prismatic\"";
+    match top.string(key, EXPECTED)? {
+        "revolute" => Ok(Joint::Revolute),
+        "prismatic" => Ok(Joint::Prismatic),
+        _ => Err(top.refuse(key, &format!("expected {EXPECTED}"))),
+    }
 }
 
 /// Quantity in which the efforts of a single axis are stated: current with `effort = "A"`, else torque or force.
@@ -288,7 +298,7 @@ fn read_inertia(table: &Table, mechanism: Mechanism) -> Checked<Inertia> {
     let fields = schema::inertia(mechanism);
     table.only(&keys(fields))?;
     let mut inertia = Inertia::ZERO;
-    table.fill(fields, &mut inertia, true, mechanism)?;
+    table.fill(fields, &mut inertia, true, schema::of_links(mechanism))?;
     match check::inconsistency(&inertia) {
         None => Ok(inertia),
         Some((culprit, reason)) => {
@@ -360,7 +370,7 @@ fn read_effect(table: &Table, effect: Arc<dyn Effect>, host: Host) -> Checked<Ac
     if effect.formula().is_some() {
         return formula::read(table, host);
     }
-    let parameters: Vec<Parameter> = effect.parameters().iter().map(|p| host.parameter(p)).collect();
+    let parameters: Vec<Parameter> = effect.parameters().iter().map(|p| host.parameter(effect.acts_on(), p)).collect();
     table.only(&parameters.iter().map(|p| &*p.name).collect::<Vec<_>>())?;
     let mut blocks = Vec::new();
     for p in &parameters {

@@ -5,7 +5,9 @@
 use std::fmt::Display;
 
 use deltatwin::effects::{Count, Parameter};
-use deltatwin::machine::{ARMS, AXES, Axis, Drive, Geometry, Inertia, Joint, Mechanism, Noise, Sockets, Stops, Unit};
+use deltatwin::machine::{
+    ARMS, AXES, Actuator, Axis, Drive, Geometry, Inertia, Joint, Mechanism, Noise, Sockets, Stops, Unit,
+};
 use nalgebra::{Matrix3, Vector3};
 
 /// A key with one number or an array of numbers, stored in a `T`.
@@ -179,30 +181,64 @@ pub(super) fn top(machine: Mechanism) -> &'static [Field<Top>] {
     }
 }
 
+const STRUT_LENGTH: Field<Geometry> = Field {
+    key: "strut_length",
+    unit: Some(Unit::M),
+    about: "ball to ball, one for all or one per limb",
+    shape: Shape::OneOrArray(ARMS),
+    bounds: LENGTH,
+    always: false,
+    default: None,
+    get: |g| g.strut_length.to_vec(),
+    set: |g, v| g.strut_length.copy_from_slice(v),
+};
+const PLATFORM_RADIUS: Field<Geometry> = number!(
+    platform_radius,
+    Unit::M,
+    "platform centre to the middle of a ball pair",
+    Bounds::between(0.0, 10.0),
+    false
+);
+const PAIR_DISTANCE: Field<Geometry> =
+    number!(pair_distance, Unit::M, "distance of the two balls of a pair", LENGTH, false);
+const MOUNTING_HEIGHT: Field<Geometry> =
+    number!(mounting_height, Unit::M, "mounting plane above the shaft plane", HEIGHT, false);
+const FLANGE_HEIGHT: Field<Geometry> =
+    number!(flange_height, Unit::M, "flange above the platform's ball plane, negative: below", HEIGHT, false);
+
+/// Of a robot whose arms are carriages.
+const GUIDES: &[Field<Geometry>] = &[
+    number!(base_radius, Unit::M, "centre line to the ball line of a carriage at q = 0", LENGTH, true),
+    Field {
+        key: "inclination",
+        unit: Some(Unit::Rad),
+        about: "guide below the horizontal, outwards; 1.5708: vertical, q downwards",
+        shape: Shape::One,
+        bounds: ANGLE,
+        always: true,
+        default: None,
+        get: |g| match g.arms {
+            Actuator::Revolute => vec![0.0],
+            Actuator::Prismatic { inclination } => vec![inclination],
+        },
+        set: |g, v| g.arms = Actuator::Prismatic { inclination: v[0] },
+    },
+    STRUT_LENGTH,
+    PLATFORM_RADIUS,
+    PAIR_DISTANCE,
+    MOUNTING_HEIGHT,
+    FLANGE_HEIGHT,
+    array!(arm_limits, 2, Unit::M, "smallest and largest position of a carriage along its guide", HEIGHT, true),
+];
+
 const GEOMETRY: &[Field<Geometry>] = &[
     number!(base_radius, Unit::M, "centre line to motor shaft", LENGTH, true),
     number!(arm_length, Unit::M, "shaft to elbow (ball line)", LENGTH, true),
-    Field {
-        key: "strut_length",
-        unit: Some(Unit::M),
-        about: "ball to ball, one for all or one per limb",
-        shape: Shape::OneOrArray(ARMS),
-        bounds: LENGTH,
-        always: false,
-        default: None,
-        get: |g| g.strut_length.to_vec(),
-        set: |g, v| g.strut_length.copy_from_slice(v),
-    },
-    number!(
-        platform_radius,
-        Unit::M,
-        "platform centre to the middle of a ball pair",
-        Bounds::between(0.0, 10.0),
-        false
-    ),
-    number!(pair_distance, Unit::M, "distance of the two balls of a pair", LENGTH, false),
-    number!(mounting_height, Unit::M, "mounting plane above the shaft plane", HEIGHT, false),
-    number!(flange_height, Unit::M, "flange above the platform's ball plane, negative: below", HEIGHT, false),
+    STRUT_LENGTH,
+    PLATFORM_RADIUS,
+    PAIR_DISTANCE,
+    MOUNTING_HEIGHT,
+    FLANGE_HEIGHT,
     array!(arm_limits, 2, Unit::Rad, "smallest and largest arm angle, 0 = horizontal, positive down", ANGLE, true),
     number!(upper_hooke_height, Unit::M, "upper Hooke joint above the shaft plane", HEIGHT, false),
     number!(lower_hooke_height, Unit::M, "lower Hooke joint above the platform's ball plane", HEIGHT, false),
@@ -230,11 +266,17 @@ const AXIS_LIMITS: &[Field<Geometry>] = &[Field {
     set: |g, v| g.arm_limits.copy_from_slice(v),
 }];
 
+/// The machine in whose units geometry, bodies and sockets are stated: those of a robot do not depend on its joints.
+pub(super) fn of_links(machine: Mechanism) -> Mechanism {
+    if matches!(machine, Mechanism::Delta { .. }) { Mechanism::default() } else { machine }
+}
+
 /// Keys of `[geometry]`.
 pub(super) fn geometry(machine: Mechanism) -> &'static [Field<Geometry>] {
     match machine {
-        Mechanism::Delta { telescope: true } => GEOMETRY,
-        Mechanism::Delta { telescope: false } => GEOMETRY.split_at(GEOMETRY.len() - OF_TELESCOPE).0,
+        Mechanism::Delta { arms: Joint::Prismatic, .. } => GUIDES,
+        Mechanism::Delta { telescope: true, .. } => GEOMETRY,
+        Mechanism::Delta { telescope: false, .. } => GEOMETRY.split_at(GEOMETRY.len() - OF_TELESCOPE).0,
         Mechanism::Axis(_) => AXIS_LIMITS,
     }
 }
@@ -418,8 +460,8 @@ pub(super) fn noise(machine: Mechanism) -> &'static [Field<Noise>] {
     const THREE: &[Field<Noise>] = &[torque_noise!(ARMS, Shape::Array(ARMS)), STRUT_NOISE];
     const ONE: &[Field<Noise>] = &[torque_noise!(1, Shape::OneOrArray(1))];
     match machine {
-        Mechanism::Delta { telescope: true } => FOUR,
-        Mechanism::Delta { telescope: false } => THREE,
+        Mechanism::Delta { telescope: true, .. } => FOUR,
+        Mechanism::Delta { telescope: false, .. } => THREE,
         Mechanism::Axis(_) => ONE,
     }
 }
@@ -427,8 +469,8 @@ pub(super) fn noise(machine: Mechanism) -> &'static [Field<Noise>] {
 /// Tables of `[drives]` with the drives that each one describes.
 pub(super) fn drive_groups(machine: Mechanism) -> &'static [(&'static str, std::ops::Range<usize>)] {
     match machine {
-        Mechanism::Delta { telescope: true } => &[("arm", 0..ARMS), ("telescope", ARMS..AXES)],
-        Mechanism::Delta { telescope: false } => &[("arm", 0..ARMS)],
+        Mechanism::Delta { telescope: true, .. } => &[("arm", 0..ARMS), ("telescope", ARMS..AXES)],
+        Mechanism::Delta { telescope: false, .. } => &[("arm", 0..ARMS)],
         Mechanism::Axis(_) => &[("axis", 0..1)],
     }
 }
@@ -437,6 +479,7 @@ pub(super) const DRIVE_ZERO: Drive =
     Drive { gear_ratio: 0.0, encoder_bits: 0, max_torque: 0.0, max_speed: 0.0, max_acceleration: 0.0, max_jerk: 0.0 };
 
 pub(super) const GEOMETRY_ZERO: Geometry = Geometry {
+    arms: Actuator::Revolute,
     base_radius: 0.0,
     arm_length: 0.0,
     strut_length: [0.0; ARMS],

@@ -88,8 +88,11 @@ fn edit(document: &mut DocumentMut, model: &Model, provenance: Option<&Provenanc
     let root = document.as_table_mut();
     set_plain(root, "name", Value::from(model.name.as_str()));
     match model.mechanism {
-        Mechanism::Delta { telescope } => {
+        Mechanism::Delta { telescope, arms } => {
             set_plain(root, "mechanism", Value::from("delta"));
+            if arms == Joint::Prismatic {
+                set_plain(root, "arms", Value::from("prismatic"));
+            }
             if !telescope || root.contains_key("telescope") {
                 set_plain(root, "telescope", Value::from(telescope));
             }
@@ -222,7 +225,7 @@ fn sections(model: &Model, own: &[usize]) -> Vec<Section> {
     let top = Top { gravity: model.gravity, sample_time: model.sample_time };
     let mut all = vec![
         section(&[], schema::top(mechanism), &top, true, mechanism),
-        section(&["geometry"], schema::geometry(mechanism), &model.geometry, assembled, mechanism),
+        section(&["geometry"], schema::geometry(mechanism), &model.geometry, assembled, schema::of_links(mechanism)),
     ];
     all.extend(body_sections(model, own));
     for (name, range) in schema::drive_groups(mechanism) {
@@ -231,7 +234,7 @@ fn sections(model: &Model, own: &[usize]) -> Vec<Section> {
         all.push(s);
     }
     if matches!(mechanism, Mechanism::Delta { .. }) {
-        let sockets = section(&["sockets"], schema::SOCKETS, &model.sockets, true, mechanism);
+        let sockets = section(&["sockets"], schema::SOCKETS, &model.sockets, true, schema::of_links(mechanism));
         all.push(Section { optional: !assembled, ..sockets });
         let stops = section(&["stops"], schema::stops(mechanism), &model.stops, true, mechanism);
         all.push(Section { optional: true, ..stops });
@@ -269,7 +272,7 @@ fn body_sections(model: &Model, own: &[usize]) -> Vec<Section> {
     let mechanism = model.mechanism;
     let body = |name: &str, inertia: &Inertia, optional: bool| Section {
         optional,
-        ..section(&["bodies", name], schema::inertia(mechanism), inertia, true, mechanism)
+        ..section(&["bodies", name], schema::inertia(mechanism), inertia, true, schema::of_links(mechanism))
     };
     let parameters = Parameters::of(model);
     if matches!(mechanism, Mechanism::Axis(_)) {
@@ -333,7 +336,7 @@ impl Parameters {
 fn effect_section(active: &ActiveEffect, host: Host) -> Section {
     let entries = active.entries();
     let line = |(b, p): (usize, &Parameter)| {
-        let p = host.parameter(p);
+        let p = host.parameter(active.effect.acts_on(), p);
         let numbers = active.values().block(b).to_vec();
         Line {
             parameters: entries.iter().filter(|e| e.param.block == b).map(|e| vec![e.full_name()]).collect(),

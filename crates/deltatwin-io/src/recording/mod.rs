@@ -78,7 +78,7 @@ pub fn read_as(path: &Path, how: &Reading) -> Result<(Recording, Vec<String>), R
     };
     let columns = outside.iter().map(|s| &s.columns).filter(|c| !c.is_empty());
     let maps: Vec<Mapping> = columns.chain(how.maps).cloned().collect();
-    let machine = how.machine.or(outside.as_ref().and_then(|s| s.axis).map(Mechanism::Axis));
+    let machine = how.machine.or(outside.as_ref().and_then(|s| s.machine));
     let outside = outside.map(|s| s.setup);
     let (signals, inside, mut warnings) = if bag::is_bag(path) {
         bag::read(path, &Reading { machine, maps: &maps, ..*how })?

@@ -25,6 +25,7 @@ struct Document {
     payload: Load,
     noise: Noise,
     joint: Option<Spanned<String>>,
+    arms: Option<Spanned<String>>,
     effort: Option<Spanned<String>>,
     columns: BTreeMap<String, Spanned<String>>,
 }
@@ -34,8 +35,9 @@ struct Document {
 pub struct Sidecar {
     /// Setup of the run.
     pub setup: Setup,
-    /// The single axis of the recording, where its columns do not tell: `joint`, `effort`.
-    pub axis: Option<Axis>,
+    /// The machine of the recording, where its columns do not tell: a single axis by `joint` and `effort`, a robot on
+    /// carriages by `arms`.
+    pub machine: Option<Mechanism>,
     /// `[columns]`: channel = "column[unit]".
     pub columns: Mapping,
 }
@@ -74,6 +76,7 @@ impl Default for Document {
             payload: Load::default(),
             noise: Noise::default(),
             joint: None,
+            arms: None,
             effort: None,
             columns: BTreeMap::new(),
         }
@@ -135,26 +138,30 @@ impl Sidecar {
             let refused = |e: String| source.problem(column.span(), format!("`columns.{channel}`: {e}"));
             columns.assign(channel, column.get_ref()).map_err(refused)?;
         }
-        Ok(Self { setup, axis: axis(&source, &document)?, columns })
+        Ok(Self { setup, machine: machine(&source, &document)?, columns })
     }
 }
 
-/// The single axis that `joint` and `effort` describe; `None` without them.
-fn axis(source: &Source, document: &Document) -> Checked<Option<Axis>> {
-    if document.joint.is_none() && document.effort.is_none() {
-        return Ok(None);
-    }
+/// The machine that `arms`, or `joint` and `effort` describe; `None` without them.
+fn machine(source: &Source, document: &Document) -> Checked<Option<Mechanism>> {
     let refused = |key: &str, value: &Spanned<String>, expected: &str| {
         source.problem(value.span(), format!("`{key}` is {:?}; expected {expected}", value.get_ref()))
     };
-    let joint = match &document.joint {
-        None => Joint::Revolute,
-        Some(value) => match value.get_ref().as_str() {
-            "revolute" => Joint::Revolute,
-            "prismatic" => Joint::Prismatic,
-            _ => return Err(refused("joint", value, "\"revolute\" or \"prismatic\"")),
-        },
+    let joint = |key: &str, value: &Option<Spanned<String>>| match value.as_ref().map(|v| (v, v.get_ref().as_str())) {
+        None => Ok(None),
+        Some((_, "revolute")) => Ok(Some(Joint::Revolute)),
+        Some((_, "prismatic")) => Ok(Some(Joint::Prismatic)),
+        Some((value, _)) => Err(refused(key, value, "\"revolute\" or \"prismatic\"")),
     };
+    let (arms, lone) = (joint("arms", &document.arms)?, joint("joint", &document.joint)?);
+    if let (Some(_), Some(value)) = (arms, document.joint.as_ref().or(document.effort.as_ref())) {
+        let message = "`joint` and `effort` are of a single axis; expected none of them beside `arms`, a robot's";
+        return Err(source.problem(value.span(), message.to_string()));
+    }
+    if lone.is_none() && document.effort.is_none() {
+        return Ok((arms == Some(Joint::Prismatic)).then_some(Mechanism::LINEAR_DELTA));
+    }
+    let joint = lone.unwrap_or(Joint::Revolute);
     let effort = match &document.effort {
         None => Effort::Force,
         Some(value) => match value.get_ref().as_str() {
@@ -163,7 +170,7 @@ fn axis(source: &Source, document: &Document) -> Checked<Option<Axis>> {
             _ => return Err(refused("effort", value, "\"A\", or the unit of torque or force")),
         },
     };
-    Ok(Some(Axis { joint, effort }))
+    Ok(Some(Mechanism::Axis(Axis { joint, effort })))
 }
 
 fn payload(source: &Source, load: &Load) -> Checked<Payload> {
@@ -232,12 +239,15 @@ pub(crate) fn payload_to_toml(payload: &Payload) -> String {
     text
 }
 
-/// The sidecar of a CSV file of `machine` as TOML: the setup, and joint and effort of a single axis that is not the
-/// usual one.
+/// The sidecar of a CSV file of `machine` as TOML: the setup, and joints and effort of a machine that is not the usual
+/// one.
 pub(crate) fn sidecar_to_toml(setup: &Setup, machine: Mechanism) -> String {
     let mut text = String::new();
     if machine.joint() == Joint::Prismatic {
-        text += "joint = \"prismatic\" # q1 in m\n";
+        text += match machine {
+            Mechanism::Axis(_) => "joint = \"prismatic\" # q1 in m\n",
+            Mechanism::Delta { .. } => "arms = \"prismatic\" # q1 to q3 in m, tau1 to tau3 in N\n",
+        };
     }
     if machine.effort() == Effort::Current {
         text += "effort = \"A\" # tau1 is the motor's current: everything per torque constant\n";

@@ -668,6 +668,7 @@ fn parsed(text: &str) -> Result<Study, StudyError> {
 mod tests {
     use super::super::Setting;
     use super::*;
+    use deltatwin::identification::uncertainty::Uncertainty;
 
     const GOOD: &str = "scenario = \"../payload.toml\"\nseed = 4\n\n[design]\nkind = \"grid\"\n\n[[factors]]\nname = \
                         \"mass\"\nkey = \"payload.mass\"\nunit = \"kg\"\nfrom = 0.5\nto = 6.0\ncount = 12\n";
@@ -703,6 +704,44 @@ mod tests {
         assert_eq!(whole.controller_model.unwrap().name, weak.controller_model.unwrap().name);
         let wrong = study.files(&[Setting::Number(1e6)], None).map(|_| ()).unwrap_err();
         assert_eq!(wrong, "`payload.mass` is 1000000; expected a number from 0 to 100 kg");
+    }
+
+    #[test]
+    fn machines_are_drawn_from_the_covariance_beside_their_model() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::copy("../../models/irb360-6-1600.toml", at("model.toml")).unwrap();
+        let scenario = "model = \"model.toml\"\nduration = 0.2\n[motion]\nkind = \"path\"\nspeed = 1.0\n\
+                        acceleration = 20.0\njerk = 2000.0\n\
+                        waypoints = [[-0.1, 0.0, -0.95, 0.0], [0.1, 0.0, -0.95, 0.0]]\n";
+        std::fs::write(at("scenario.toml"), scenario).unwrap();
+        let study = "scenario = \"scenario.toml\"\n[design]\nkind = \"grid\"\n\
+                     [[factors]]\nname = \"robot\"\nkey = \"model.drawn\"\nlevels = [0, 1, 2]\n\
+                     [[factors]]\nname = \"friction\"\nkey = \"model.effects.drive_friction.viscous.1\"\n\
+                     change = \"multiply\"\nlevels = [2]\n";
+        std::fs::write(at("study.toml"), study).unwrap();
+        let read = || super::read(&at("study.toml"), deltatwin::cell::no_meshes);
+        let study = read().unwrap();
+        let error = study.files(&[Setting::Level(1), Setting::Unset], None).err().unwrap();
+        assert!(error.contains("model.covariance.csv") && error.contains("identify -o"), "{error}");
+        let without = study.contents().len();
+
+        let names = vec!["drive_friction.viscous_1".to_string()];
+        let covariance = nalgebra::DMatrix::from_element(1, 1, 0.01);
+        crate::model::uncertainty::write(&Uncertainty { names, covariance }, &at("model.toml")).unwrap();
+        let study = read().unwrap();
+        assert_eq!(study.contents().len(), without + 1, "the covariance counts for the digest");
+        let friction = |robot: Setting, times: Setting| {
+            let files = study.files(&[robot, times], None).unwrap();
+            let own = files.model.effects.iter().find(|e| e.effect.name() == "drive_friction").unwrap().clone();
+            own.values().block(1)[..2].to_vec()
+        };
+        let [itself, one, two] = [0, 1, 2].map(|k| friction(Setting::Level(k), Setting::Unset));
+        assert_eq!(itself, friction(Setting::Unset, Setting::Unset));
+        assert!(one[0] != itself[0] && one[0] != two[0] && one[1] == itself[1], "{itself:?} {one:?} {two:?}");
+        assert!((one[0] - itself[0]).abs() < 0.5, "{itself:?} {one:?}");
+        // Multiplied is the drawn machine's.
+        assert_eq!(friction(Setting::Level(1), Setting::Level(0))[0], 2.0 * one[0]);
     }
 
     #[test]

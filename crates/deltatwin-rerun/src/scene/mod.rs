@@ -185,6 +185,7 @@ mod tests {
 
     fn geometry() -> Geometry {
         Geometry {
+            arms: deltatwin::machine::Actuator::Revolute,
             base_radius: 0.2,
             arm_length: 0.35,
             strut_length: [0.95; ARMS],

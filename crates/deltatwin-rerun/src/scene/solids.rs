@@ -8,14 +8,14 @@ use super::content::{Scene, Thing};
 use super::mesh::{Mesh, spring};
 use super::{AXIS, Outcome, TIME, color};
 use deltatwin::cell::links::{
-    ARM_RADIUS, ARM_TRIM, BALL_RADIUS, FLANGE_RADIUS, PLATFORM_INSET, PLATFORM_THICKNESS, ROD_CLEARANCE, ROD_RADIUS,
-    STRUT_RADIUS, TUBE_CLEARANCE, TUBE_RADIUS,
+    ARM_RADIUS, ARM_TRIM, BALL_RADIUS, CARRIAGE_LENGTH, CARRIAGE_RADIUS, FLANGE_RADIUS, PLATFORM_INSET,
+    PLATFORM_THICKNESS, ROD_CLEARANCE, ROD_RADIUS, STRUT_RADIUS, TUBE_CLEARANCE, TUBE_RADIUS,
 };
 use deltatwin::cell::{Mobility, Object, Shape};
 use deltatwin::machine::bodies::{
     ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
 };
-use deltatwin::machine::{ARMS, AXES, Axis, Geometry, Joint, Mechanism, STRUTS};
+use deltatwin::machine::{ARMS, AXES, Actuator, Axis, Geometry, Joint, Mechanism, STRUTS};
 
 /// Height of the base's housing and radius of the motors, m; estimated from pictures.
 const HOUSING: f64 = 0.12;
@@ -50,6 +50,9 @@ pub(super) fn base(rec: &RecordingStream, scene: &Scene) -> Outcome {
         let rail = a::LineStrips3D::new([ends.map(point)]).with_colors([color(STEEL)]).with_radii([0.01f32]);
         rec.log_static("world/base/rail", &rail)?;
         return Ok(());
+    }
+    if let Actuator::Prismatic { .. } = g.arms {
+        return guides(rec, g);
     }
     // A flat housing that hangs from the frame, with one motor per arm below its edge.
     let (top, rim) = (g.mounting_height, 0.75 * g.base_radius);
@@ -151,6 +154,25 @@ const LONE_SIZE: f64 = 0.2;
 /// Entity path of a single axis.
 const LONE: &str = "world/axis";
 
+/// Logs the guides of carriages, and the ring that holds them.
+fn guides(rec: &RecordingStream, g: &Geometry) -> Outcome {
+    let away = 2.0 * CARRIAGE_RADIUS + BALL_RADIUS;
+    let ends = |limb: usize| {
+        let joints = g.arm_limits.map(|q| g.elbow(limb, q));
+        let along = (joints[1] - joints[0]).normalize();
+        let across = along.cross(&Geometry::tangential(limb)) * away;
+        [joints[0] - along * CARRIAGE_LENGTH + across, joints[1] + along * CARRIAGE_LENGTH + across].map(point)
+    };
+    let lines = a::LineStrips3D::new((0..ARMS).map(ends))
+        .with_colors([color(STEEL)])
+        .with_radii([0.6 * CARRIAGE_RADIUS as f32]);
+    rec.log_static("world/base/guides", &lines)?;
+    let (top, rim) = (g.mounting_height, g.base_radius + away);
+    let ring = [(top, 0.9 * rim), (top, 1.1 * rim), (top + 0.01, 1.1 * rim), (top + 0.01, 0.9 * rim), (top, 0.9 * rim)];
+    rec.log_static("world/base/flange", &Mesh::lathe(Vector3::zeros(), Vector3::z(), &ring).solid(SHELL))?;
+    Ok(())
+}
+
 /// Logs the lever or carriage of a single axis.
 fn lone(rec: &RecordingStream, joint: Joint) -> Outcome {
     let end = match joint {
@@ -179,6 +201,9 @@ fn rod(rec: &RecordingStream, entity: &str, end: Vector3<f64>, radius: f64) -> O
 
 /// Logs an arm: hub on the motor's shaft, tapered beam, and at the elbow the bar with its two balls.
 fn arm(rec: &RecordingStream, entity: &str, g: &Geometry) -> Outcome {
+    if let Actuator::Prismatic { .. } = g.arms {
+        return carriage(rec, entity, g);
+    }
     let elbow = Vector3::x() * g.arm_length;
     let tube = (g.arm_length - ARM_TRIM).max(0.5 * g.arm_length);
     let half = 0.5 * g.pair_distance;
@@ -191,6 +216,20 @@ fn arm(rec: &RecordingStream, entity: &str, g: &Geometry) -> Outcome {
     rec.log_static(format!("{entity}/neck"), &neck.and(bar).solid(BRASS))?;
     let pair = Vector3::y() * half;
     balls(rec, entity, [elbow + pair, elbow - pair])
+}
+
+/// Logs a carriage: the block on its guide, and the bar with its two balls beside it.
+fn carriage(rec: &RecordingStream, entity: &str, g: &Geometry) -> Outcome {
+    let half = 0.5 * g.pair_distance;
+    let (r, l) = (CARRIAGE_RADIUS, 0.5 * CARRIAGE_LENGTH);
+    let guide = Vector3::z() * (2.0 * r + BALL_RADIUS);
+    let block = Mesh::lathe(guide, Vector3::x(), &[(-l, 0.0), (-l, 1.6 * r), (l, 1.6 * r), (l, 0.0)]);
+    rec.log_static(entity, &block.bare())?;
+    let neck = Mesh::lathe(Vector3::zeros(), Vector3::z(), &[(0.0, 0.006), (2.0 * r, 0.008)]);
+    let bar = Mesh::lathe(Vector3::zeros(), Vector3::y(), &[(-half, 0.0), (-half, 0.004), (half, 0.004), (half, 0.0)]);
+    rec.log_static(format!("{entity}/neck"), &neck.and(bar).solid(BRASS))?;
+    let pair = Vector3::y() * half;
+    balls(rec, entity, [pair, -pair])
 }
 
 /// Logs a strut with a cup at either end, each an entity of its own so that it has its own colour.

@@ -41,6 +41,7 @@ impl Columns {
                 Heading::new("reach_high", "1", Kind::Float),
                 Heading::new("evaluations", "1", Kind::Integer),
                 Heading::new("margin_falls", "", Kind::Flag),
+                Heading::new("margin_rises_from", "1", Kind::Float),
             ],
             Design::WorstCase { .. } => vec![Heading::new("generation", "1", Kind::Integer)],
             Design::Subset { .. } => vec![Heading::new("batch", "1", Kind::Integer)],
@@ -170,10 +171,11 @@ pub fn cell(factor: &Factor, setting: Setting) -> Value {
 
 /// Values of the columns of a boundary search.
 pub fn crossing(at: &Crossing) -> Vec<Value> {
-    vec![at.at.into(), at.low.into(), at.high.into(), Value::Integer(i64::from(at.evaluations)), at.falls.into()]
+    let evaluations = Value::Integer(i64::from(at.evaluations));
+    vec![at.at.into(), at.low.into(), at.high.into(), evaluations, at.rises.is_none().into(), at.rises.into()]
 }
 
 /// The same where a run has no verdict.
 pub fn no_crossing() -> Vec<Value> {
-    vec![Value::Missing; 5]
+    vec![Value::Missing; 6]
 }

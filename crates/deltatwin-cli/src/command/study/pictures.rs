@@ -5,7 +5,7 @@ mod causes;
 mod chance;
 mod failure;
 mod hand;
-mod importance;
+pub mod importance;
 mod naming;
 
 use std::path::PathBuf;
@@ -43,6 +43,17 @@ pub struct Shown<'s> {
     pub table: Table,
     /// Column of the margin that the study is about.
     pub margin: String,
+}
+
+impl<'s> Shown<'s> {
+    /// The columns of a finished study.
+    pub fn of(conduct: &'s Conduct) -> miette::Result<Self> {
+        let margin = conduct.columns.headings[conduct.columns.margin].name.clone();
+        let own = (!COLUMNS.contains(&margin.as_str())).then_some(margin.as_str());
+        let names = conduct.study.factors.iter().map(|f| f.name.as_str()).chain(COLUMNS).chain(own);
+        let table = conduct.picked(&names.collect::<Vec<_>>())?;
+        Ok(Self { conduct, table, margin })
+    }
 }
 
 impl Shown<'_> {
@@ -124,11 +135,7 @@ pub fn write(
     summary: &Summary,
     subset: Option<&Subset>,
 ) -> miette::Result<Vec<PathBuf>> {
-    let margin = conduct.columns.headings[conduct.columns.margin].name.clone();
-    let own = (!COLUMNS.contains(&margin.as_str())).then_some(margin.as_str());
-    let names = conduct.study.factors.iter().map(|f| f.name.as_str()).chain(COLUMNS).chain(own);
-    let table = conduct.picked(&names.collect::<Vec<_>>())?;
-    let shown = Shown { conduct, table, margin };
+    let shown = Shown::of(conduct)?;
     let mut sections = Vec::new();
     let mut add =
         |heading: &str, text: String, pictures: Vec<Picture>, table: Option<(Vec<String>, Vec<Vec<String>>)>| {

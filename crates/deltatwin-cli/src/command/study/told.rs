@@ -2,12 +2,14 @@
 
 use serde_json::{Value, json};
 
-use super::{Args, COMPLETE, STOPPED, command, pictures};
+use super::pictures::{self, Shown, importance};
+use super::{Args, COMPLETE, STOPPED, command};
 use crate::terminal::{Table, complain, path, paths, say, wrapped};
 use deltatwin::text::significant;
+use deltatwin_io::study::Factor;
 use deltatwin_study::campaign::Chunk;
 use deltatwin_study::conduct::{Conduct, Diagnosed, Summary};
-use deltatwin_study::statistics::{Ended, Subset, wilson};
+use deltatwin_study::statistics::{Ended, Index, Subset, wilson};
 
 /// Says how to go on after an interruption; returns the exit status.
 pub fn interrupted(args: &Args) -> u8 {
@@ -45,6 +47,7 @@ pub fn table(args: &Args, conduct: &Conduct) -> miette::Result<u8> {
         let mut object = as_json(conduct, &summary, subset);
         object["page"] = path(&files[0]);
         object["figures"] = paths(&files[1..]);
+        object["sobol"] = sobol(conduct)?;
         say(object)?;
         return Ok(COMPLETE);
     }
@@ -87,7 +90,9 @@ fn counts(summary: &Summary) -> miette::Result<()> {
     if let Some((crossings, rising)) = summary.boundary {
         say(format!("  {crossings} of {answered} rays end in a failure; the others reach the end of their ranges"))?;
         if rising > 0 {
-            say(format!("  along {rising} of them the margin does not fall all the way: look at column margin_falls"))?;
+            say(format!(
+                "  along {rising} of them the margin does not fall all the way: column margin_rises_from says where"
+            ))?;
         }
     } else if answered > 0 {
         let [low, high] = wilson(summary.failed as usize, answered as usize, CONFIDENCE);
@@ -166,6 +171,28 @@ fn rare(subset: &Subset) -> miette::Result<()> {
         ),
         2,
     ))
+}
+
+/// Sobol' indices of a sensitivity study; null of another one, and where there are none.
+fn sobol(conduct: &Conduct) -> miette::Result<Value> {
+    let shown = Shown::of(conduct)?;
+    let Some(Ok(found)) = importance::indices(&shown) else { return Ok(Value::Null) };
+    let factors = conduct.study.factors.iter().zip(&found.first).zip(&found.total);
+    let index = |((factor, first), total): ((&Factor, &Index), &Index)| {
+        json!({
+            "factor": factor.name,
+            "first": first.value,
+            "first_interval": first.interval,
+            "total": total.value,
+            "total_interval": total.interval,
+        })
+    };
+    Ok(json!({
+        "output": shown.margin,
+        "base_points": found.base,
+        "variance": found.variance,
+        "indices": factors.map(index).collect::<Vec<_>>(),
+    }))
 }
 
 fn as_json(conduct: &Conduct, summary: &Summary, subset: Option<&Subset>) -> Value {

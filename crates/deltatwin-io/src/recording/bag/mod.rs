@@ -35,9 +35,10 @@ const EXPECTED: &str = "an MCAP file with sensor_msgs/msg/JointState messages, o
 /// the same bytes.
 const EPOCH: i64 = 1_700_000_000 * SECOND;
 
-const MECHANISMS: [(&str, Mechanism); 6] = [
-    ("delta", Mechanism::Delta { telescope: true }),
-    ("delta without telescope", Mechanism::Delta { telescope: false }),
+const MECHANISMS: [(&str, Mechanism); 7] = [
+    ("delta", Mechanism::delta(true)),
+    ("delta without telescope", Mechanism::delta(false)),
+    ("linear delta", Mechanism::LINEAR_DELTA),
     ("revolute axis", Mechanism::axis(Joint::Revolute)),
     ("prismatic axis", Mechanism::axis(Joint::Prismatic)),
     ("revolute axis in ampere", Mechanism::Axis(Axis { joint: Joint::Revolute, effort: Effort::Current })),

@@ -102,7 +102,7 @@ fn machine_of(joints: &States) -> Mechanism {
     let first = joints.shapes().iter().take(SHAPES);
     match first.map(axes).max() {
         Some(1) => Mechanism::axis(Joint::Revolute),
-        Some(3) => Mechanism::Delta { telescope: false },
+        Some(3) => Mechanism::delta(false),
         _ => Mechanism::default(),
     }
 }

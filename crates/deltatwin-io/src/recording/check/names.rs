@@ -15,7 +15,7 @@ pub(in crate::recording) fn machine(has: impl Fn(&str) -> bool) -> Mechanism {
     let axis = |k: usize| has(&format!("q{k}")) || has(&format!("tau{k}"));
     match (axis(1), axis(2) || axis(3), axis(4)) {
         (true, false, false) => Mechanism::axis(Joint::Revolute),
-        (_, true, false) => Mechanism::Delta { telescope: false },
+        (_, true, false) => Mechanism::delta(false),
         _ => Mechanism::default(),
     }
 }

@@ -2,7 +2,7 @@
 
 use deltatwin_io::study::Design;
 use deltatwin_report::figure::study::{Estimate, Importance, importance};
-use deltatwin_study::statistics::{Index, sobol_indices};
+use deltatwin_study::statistics::{Index, SobolError, SobolIndices, sobol_indices};
 
 use super::{Picture, Shown};
 use deltatwin::text::significant;
@@ -10,17 +10,22 @@ use deltatwin::text::significant;
 /// Resamples for the intervals of the indices.
 const RESAMPLES: usize = 1000;
 
+/// Sobol' indices of the least margin of a sensitivity study; `None` of another one.
+pub fn indices(shown: &Shown) -> Option<Result<SobolIndices, SobolError>> {
+    let study = &shown.conduct.study;
+    let d = study.factors.len();
+    let margins = shown.numbers(&shown.margin);
+    let samples = margins.get(1 + 2 * d..).filter(|_| matches!(study.design, Design::Sensitivity { .. }))?;
+    Some(sobol_indices(samples, d, RESAMPLES, study.seed))
+}
+
 /// Swings of the least margin and its Sobol' indices, of a sensitivity study.
 pub fn figures(shown: &Shown) -> Vec<Picture> {
     let conduct = shown.conduct;
     let study = &conduct.study;
-    if !matches!(study.design, Design::Sensitivity { .. }) {
-        return Vec::new();
-    }
+    let Some(indices) = indices(shown) else { return Vec::new() };
     let d = study.factors.len();
-    let margins = shown.numbers(&shown.margin);
-    let Some((single, samples)) = margins.split_at_checked(1 + 2 * d) else { return Vec::new() };
-    let indices = sobol_indices(samples, d, RESAMPLES, study.seed);
+    let single = shown.numbers(&shown.margin);
     let estimate = |index: &Index| Estimate { value: index.value, low: index.interval[0], high: index.interval[1] };
     let row = |k: usize| {
         let factor = &study.factors[k];

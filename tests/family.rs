@@ -1,0 +1,127 @@
+//! Relatives of the robot: carriages in place of arms.
+
+use crate::common::model;
+use deltatwin::dynamics::{Plant, inverse_dynamics};
+use deltatwin::kinematics::JointState;
+use deltatwin::machine::{Actuator, Geometry, Mechanism, Setup};
+use deltatwin::model::Model;
+use nalgebra::Vector3;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+/// The shipped linear delta on guides of another inclination; its carriages move about 0.1 m around where they were.
+fn inclined(inclination: f64) -> Model {
+    let mut model = model("linear-delta");
+    model.geometry.arms = Actuator::Prismatic { inclination };
+    model
+}
+
+/// Guides that stand, slope down outwards, lie flat and rise outwards.
+const INCLINATIONS: [f64; 5] = [std::f64::consts::FRAC_PI_2, 1.2, 0.3, 0.0, -0.3];
+
+fn pose(model: &Model, rng: &mut ChaCha8Rng) -> Vector3<f64> {
+    let home = model.geometry.forward(&[0.03; 3]).unwrap();
+    home + Vector3::from_fn(|_, _| rng.random_range(-0.015..0.015))
+}
+
+#[test]
+fn carriages_are_where_the_struts_reach() {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    for inclination in INCLINATIONS {
+        let model = inclined(inclination);
+        let g = &model.geometry;
+        for _ in 0..20 {
+            let position = pose(&model, &mut rng);
+            let q = g.inverse(&position).unwrap();
+            for (limb, q) in q.iter().enumerate() {
+                // By hand: distance of the carriage's ball line from the platform's.
+                let (u, along) = (Geometry::radial(limb), inclination.sin_cos());
+                let ball = u * (g.base_radius + q * along.1) - Vector3::z() * (q * along.0);
+                approx::assert_relative_eq!(
+                    (position + u * g.platform_radius - ball).norm(),
+                    g.strut_length[limb],
+                    epsilon = 1e-13
+                );
+            }
+            approx::assert_relative_eq!(g.forward(&q).unwrap(), position, epsilon = 1e-12);
+            let at = deltatwin::machine::check::platform_at(g, q).unwrap();
+            approx::assert_relative_eq!(at, position, epsilon = 1e-12);
+        }
+    }
+}
+
+#[test]
+fn rates_and_accelerations_are_derivatives_of_the_positions() {
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    let h = 1e-4;
+    for inclination in INCLINATIONS {
+        let model = inclined(inclination);
+        let g = &model.geometry;
+        let q = g.inverse(&pose(&model, &mut rng)).unwrap();
+        let qd: [f64; 3] = std::array::from_fn(|_| rng.random_range(-0.3..0.3));
+        let qdd: [f64; 3] = std::array::from_fn(|_| rng.random_range(-3.0..3.0));
+        let four = |x: [f64; 3]| [x[0], x[1], x[2], 0.0];
+        let joints = JointState { q: four(q), qd: four(qd), qdd: four(qdd) };
+        let motion = g.forward_motion(&joints).unwrap();
+        let at = |t: f64| {
+            let moved: [f64; 3] = std::array::from_fn(|i| q[i] + qd[i] * t + 0.5 * qdd[i] * t * t);
+            g.forward(&moved).unwrap()
+        };
+        approx::assert_relative_eq!((at(h) - at(-h)) / (2.0 * h), motion.velocity, epsilon = 1e-6);
+        approx::assert_relative_eq!((at(h) - 2.0 * at(0.0) + at(-h)) / (h * h), motion.acceleration, epsilon = 1e-4);
+        let back = g.inverse_motion(&motion).unwrap();
+        for i in 0..3 {
+            approx::assert_relative_eq!(back.qd[i], qd[i], epsilon = 1e-12);
+            approx::assert_relative_eq!(back.qdd[i], qdd[i], epsilon = 1e-10);
+        }
+        let jacobian = g.jacobian(&q, &motion.position).unwrap();
+        approx::assert_relative_eq!(jacobian * Vector3::from(qd), motion.velocity, epsilon = 1e-12);
+    }
+}
+
+#[test]
+fn drives_on_standing_guides_carry_the_weight() {
+    // All carriages together move all bodies by as much: each drive carries a third of 3·0.15 + 6·0.012 + 0.25 = 0.772 kg,
+    // against +q, which is downwards. Accelerated together by 2 m/s², they need 0.772·2/3 N more.
+    let mut model = model("linear-delta");
+    model.effects.clear();
+    let plant = Plant::new(&model, &Setup::default());
+    for acceleration in [0.0, 2.0] {
+        let joints = JointState {
+            q: [0.05, 0.05, 0.05, 0.0],
+            qdd: [acceleration, acceleration, acceleration, 0.0],
+            ..JointState::default()
+        };
+        let motion = plant.motion(&joints).unwrap();
+        let out = inverse_dynamics(&plant, 0.0, &motion, &[&[]], true).unwrap();
+        let force = 0.772 / 3.0 * (acceleration - 9.81);
+        for tau in &out.tau[..3] {
+            approx::assert_relative_eq!(*tau, force, epsilon = 1e-12);
+        }
+        // The platform hangs on struts at an angle with the vertical whose sine is (163.25 − 33)/269. The force on the
+        // lower end of a strut, with half its weight, is along it: (V + w/2)/cos, less the weight's own share along it.
+        let cosine = (1.0 - (0.130_25f64 / 0.269).powi(2)).sqrt();
+        let pull = 9.81 - acceleration;
+        let (platform, half) = (pull * 0.25 / 6.0, pull * 0.006);
+        for strut in 0..6 {
+            let lower = (platform + half) / cosine - half * cosine;
+            approx::assert_relative_eq!(out.reactions.lower[strut], lower, epsilon = 1e-5);
+        }
+    }
+}
+
+#[test]
+fn units_of_drives_are_those_of_carriages_and_units_of_links_are_not() {
+    let model = model("linear-delta");
+    assert_eq!(model.mechanism, Mechanism::LINEAR_DELTA);
+    let entries = model.effects.iter().flat_map(|active| active.entries()).collect::<Vec<_>>();
+    let unit = |name: &str| entries.iter().find(|e| e.name == name).unwrap().parameter.unit.to_string();
+    assert_eq!((unit("coulomb_1"), unit("viscous_1")), ("N".into(), "N·s/m".into()));
+    let mut sockets = deltatwin::effects::ActiveEffect::absent_on(
+        deltatwin::effects::find("ball_socket_coulomb").unwrap().clone(),
+        model.host(),
+    )
+    .entries();
+    assert_eq!(sockets.remove(0).parameter.unit.to_string(), "N·m");
+}
