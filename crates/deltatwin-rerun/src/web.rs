@@ -22,7 +22,10 @@ impl WebViewer {
     /// If there is no `rerun` in the path, or it does not answer.
     pub fn start() -> Result<Self, String> {
         let ports = free_ports().map_err(|e| e.to_string())?;
-        let process = Command::new("rerun")
+        let mut command = Command::new("rerun");
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(&mut command, 0);
+        let process = command
             .args(["--serve-web", "--bind", "127.0.0.1", "--server-memory-limit", MEMORY])
             .args(["--port", &ports[0].to_string(), "--web-viewer-port", &ports[1].to_string()])
             .stdin(Stdio::null())
@@ -72,7 +75,11 @@ fn free_ports() -> std::io::Result<[u16; 2]> {
 
 impl Drop for WebViewer {
     fn drop(&mut self) {
-        // It has no state to be saved.
+        // It has no state to be saved. What is in the path may be a script that has started the viewer: the whole group.
+        #[cfg(unix)]
+        if let Some(group) = rustix::process::Pid::from_raw(self.process.id().cast_signed()) {
+            let _ = rustix::process::kill_process_group(group, rustix::process::Signal::KILL);
+        }
         let _ = self.process.kill();
         let _ = self.process.wait();
     }
