@@ -17,8 +17,8 @@ fn inclined(inclination: f64) -> Model {
     model
 }
 
-/// Guides that stand, slope down outwards, lie flat and rise outwards.
-const INCLINATIONS: [f64; 5] = [std::f64::consts::FRAC_PI_2, 1.2, 0.3, 0.0, -0.3];
+/// Guides that stand, fall steeply outwards, lie flat and rise outwards.
+const INCLINATIONS: [f64; 5] = [std::f64::consts::FRAC_PI_2, 1.2, 0.0, -0.3, -0.6];
 
 fn pose(model: &Model, rng: &mut ChaCha8Rng) -> Vector3<f64> {
     let home = model.geometry.forward(&[0.03; 3]).unwrap();

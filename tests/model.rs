@@ -612,8 +612,11 @@ fn generated_files_hold_every_number() {
         let model = model::read(&file).unwrap();
         let text = full_text(&model).unwrap();
         assert_same(&parse(&text).unwrap_or_else(|e| panic!("{e:?}\n{text}")), &model);
-        let delta = matches!(model.mechanism, Mechanism::Delta { .. });
-        let comment = if delta { "# m; centre line to motor shaft" } else { "# kg; of all that moves" };
+        let comment = match model.mechanism {
+            Mechanism::LINEAR_DELTA => "# m; centre line to the ball line of a carriage",
+            Mechanism::Delta { .. } => "# m; centre line to motor shaft",
+            Mechanism::Axis(_) => "# kg; of all that moves",
+        };
         assert!(text.contains(comment), "{text}");
     }
 }

@@ -71,7 +71,7 @@ const PARAMETERS: &[Parameter] = &[
 
 static SPEC: Spec = Spec::new(
     "drive_elasticity",
-    Part::Drives,
+    Part::Motors,
     About {
         summary: "compliance of the arm gears between motor-side encoder and arm",
         law: "τ_arm,i = δ_i/c_i + d·dδ_i/dt, J·(d²q_i/dt² + d²δ_i/dt²) = τ_i − τ_arm,i, encoder reads q_i + δ_i",

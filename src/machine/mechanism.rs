@@ -74,6 +74,8 @@ pub enum Part {
     TurningAxis,
     /// Arms that turn about shafts, of an assembled robot.
     TurningArms,
+    /// Drives whose motors are part of the inertia of what they move: all but those of carriages.
+    Motors,
 }
 
 impl Part {
@@ -87,6 +89,7 @@ impl Part {
             Self::Telescope => "the telescope",
             Self::TurningAxis => "a single turning axis",
             Self::TurningArms => "arms that turn",
+            Self::Motors => "motors in the inertia of what they move",
         }
     }
 }
@@ -126,6 +129,7 @@ impl Mechanism {
             Part::Linkage => delta && assembled,
             Part::Telescope => self.has_telescope() && assembled,
             Part::TurningAxis => matches!(self, Self::Axis(axis) if axis.joint == Joint::Revolute),
+            Part::Motors => self != Self::LINEAR_DELTA,
             Part::TurningArms => delta && assembled && self.joint() == Joint::Revolute,
         }
     }
