@@ -16,6 +16,7 @@
 //! not. The result is [`SingularPose`] if refinement does not reach 1e-9 of the terms of either equation, or if an
 //! inertia is not physically consistent.
 
+mod added;
 mod bearings;
 mod factor;
 mod flexible;
@@ -28,6 +29,7 @@ mod tests;
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
+pub use self::added::Added;
 pub(super) use self::bearings::Bearings;
 use self::factor::{Root, Six, add, dot};
 use self::flexible::Eliminated;
@@ -39,7 +41,7 @@ use super::constraints::ROWS;
 use super::state::{BodyState, rotation};
 use crate::dynamics::Plant;
 use crate::kinematics::motion::SOCKETS;
-use crate::kinematics::{BodyMotion, Reactions, Screw, SocketSet};
+use crate::kinematics::{BodyMotion, Reactions, SocketSet};
 use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER};
 use crate::machine::{Bodies, Inertia, STRUTS};
 
@@ -513,29 +515,6 @@ impl Workspace {
 /// The larger magnitude; NaN if one of the two is NaN.
 fn worst(a: f64, b: f64) -> f64 {
     if a.abs() < b.abs() || b.is_nan() { b.abs() } else { a }
-}
-
-/// Addition to the mass matrix of a body, symmetric, inertial axes.
-#[derive(Clone, Copy, Debug)]
-pub struct Added {
-    /// To the block of velocities, kg.
-    linear: Matrix3<f64>,
-    /// To the block of angular velocities, kg·m².
-    angular: Matrix3<f64>,
-}
-
-impl Added {
-    /// No addition.
-    pub const NONE: Self = Self {
-        linear: Matrix3::new(0., 0., 0., 0., 0., 0., 0., 0., 0.),
-        angular: Matrix3::new(0., 0., 0., 0., 0., 0., 0., 0., 0.),
-    };
-
-    /// Adds `inertia` (kg·m² or kg) along a joint.
-    pub fn along(&mut self, screw: &Screw, inertia: f64) {
-        self.linear += screw.linear * screw.linear.transpose() * inertia;
-        self.angular += screw.angular * screw.angular.transpose() * inertia;
-    }
 }
 
 /// Spatial inertia about the body's origin, inertial axes: [m + D_v, −h×; h×, Θ + D_ω] with h = m·c.
