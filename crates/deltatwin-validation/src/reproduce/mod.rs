@@ -1,7 +1,7 @@
 //! Reproduction of the paper's experiments with the twin, compared with the paper's numbers.
 //!
 //! [`runs::Campaign`] records every scenario on its variant of one virtual robot. The sections evaluate these
-//! recordings as in the paper and in its order, and [`page`] compares the results with the printed ones.
+//! recordings as in the paper and in its order, and [`mod@page`] compares the results with the printed ones.
 
 pub mod arms;
 pub mod assembled;
