@@ -1,6 +1,6 @@
 //! Closed-form inverse and forward kinematics of the delta robot, with rates and accelerations.
 //!
-//! Loop closure of limb i, with p the platform point, u the radial unit vector of the limb and e its elbow (see [`Arm`]):
+//! Loop closure of limb i, with p the platform point, u the radial unit vector of the limb and e its elbow (see `Arm`):
 //! the strut vector is l = p + r·u − e and |l| = l₂.
 //! The platform does not rotate, so both struts of a pair share l.
 
