@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use deltatwin::dynamics::Channel;
 use deltatwin::gate::{combined, examine};
-use deltatwin::identification::{Dataset, Method};
 use deltatwin::identification::bandwidth::{bandwidth, narrow};
 use deltatwin::identification::zeros::zeros;
+use deltatwin::identification::{Dataset, Method};
 use deltatwin::machine::{Mechanism, Unit};
 use deltatwin::model;
 use pyo3::exceptions::{PyTypeError, PyUserWarning};

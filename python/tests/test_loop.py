@@ -8,7 +8,7 @@ import time
 import deltatwin as dt
 import numpy as np
 import pytest
-from conftest import ROOT, scenario
+from conftest import MOTION, ROOT, scenario
 
 
 @pytest.fixture(scope="module")
@@ -55,8 +55,8 @@ def test_a_wrong_recording_is_refused_with_a_remedy(model, runs):
 
 
 def test_the_payload_is_identified_with_a_known_robot(model):
-    box = dt.Payload(2.5, [0.03, -0.02, -0.08], inertia_zz=0.012)
-    loaded = dt.simulate(scenario(3, 6.0), model=model, setup=dt.Setup(box), folder=ROOT).recording
+    box = "[payload]\nmass = 2.5\ncom = [0.03, -0.02, -0.08]\ninertia_zz = 0.012\n"
+    loaded = dt.simulate(scenario(3, 6.0, MOTION + box), model=model, folder=ROOT).recording
     # The recording does not tell what it was made with.
     run = dt.Recording.from_arrays(loaded.t, loaded.q, loaded.tau)
     found = dt.identify_payload(model, run)

@@ -130,6 +130,15 @@ impl Dataset {
         ringing.get_or_init(|| Angles::new(angles, &self.segments, self.dt).ringing())
     }
 
+    /// Step of an encoder whose rounding would be as large as the noise of an axis' angles, rad (m for a linear axis); zero
+    /// for an exact motion.
+    pub fn resolution(&self, axis: usize) -> f64 {
+        match &self.readings.angles[..] {
+            [] => 0.0,
+            angles => Angles::new(angles, &self.segments, self.dt).resolution(axis),
+        }
+    }
+
     /// Number of samples.
     pub fn len(&self) -> usize {
         self.t.len()

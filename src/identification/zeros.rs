@@ -69,11 +69,8 @@ struct Wave {
 }
 
 /// Waves of a weight, and of the friction that it causes in the gear.
-const WEIGHT: [Wave; 3] = [
-    Wave { order: 1.0, reverses: false },
-    Wave { order: 1.0, reverses: true },
-    Wave { order: 2.0, reverses: true },
-];
+const WEIGHT: [Wave; 3] =
+    [Wave { order: 1.0, reverses: false }, Wave { order: 1.0, reverses: true }, Wave { order: 2.0, reverses: true }];
 
 impl Zero {
     /// What was done to a recording, by the names of it and of the first, positions in `unit`.

@@ -95,7 +95,8 @@ impl Exam {
 
     /// Folders of all campaigns that have an answer, in the order of the rows.
     pub fn answered(&self) -> Vec<PathBuf> {
-        let names = self.cases.iter().map(|(name, _)| name.clone()).chain((0..self.fast_null).map(|k| self.fast_name(k)));
+        let names =
+            self.cases.iter().map(|(name, _)| name.clone()).chain((0..self.fast_null).map(|k| self.fast_name(k)));
         let folders = names.map(|name| self.rows.folder.join(name));
         folders.filter(|folder| folder.join(folder::ANSWER).is_file()).collect()
     }
