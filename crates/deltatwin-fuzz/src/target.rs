@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use deltatwin::effects::formula::Expression;
+use deltatwin::machine::Mechanism;
 use deltatwin::planner::Limits;
 use deltatwin_io::{model, plan, recording, scenario, study};
 
@@ -71,7 +72,7 @@ pub const TARGETS: [Target; 8] = [
             let Ok(text) = std::fs::read_to_string(file) else { return };
             if let Ok(expression) = Expression::parse(&text) {
                 let _ = expression.value(|_| 1.5);
-                let _ = expression.powers();
+                let _ = expression.powers(Mechanism::default());
             }
         },
     },

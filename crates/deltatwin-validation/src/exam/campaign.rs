@@ -147,7 +147,8 @@ pub fn hideable(model: &Model) -> Vec<Arc<dyn Effect>> {
 /// # Errors
 /// As [`prepare`] and [`Prepared::record`].
 pub fn campaign(model: &Model, case: &Case, progress: &(dyn Fn(usize, f64) + Sync)) -> Result<Campaign, CampaignError> {
-    let outside: Vec<Arc<dyn Effect>> = case.outside.iter().map(|law| Arc::new(law.effect()) as _).collect();
+    let outside: Vec<Arc<dyn Effect>> =
+        case.outside.iter().map(|law| Arc::new(law.effect(model.mechanism)) as _).collect();
     campaign_with(model, case, &outside, progress)
 }
 

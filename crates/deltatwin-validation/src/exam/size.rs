@@ -338,7 +338,7 @@ impl<'a> Sizer<'a> {
     /// # Errors
     /// If the machine cannot follow the motion.
     pub fn unspanned(&self, law: Outside) -> Result<Option<f64>, FitError> {
-        let terms = &law.effect().terms;
+        let terms = &law.effect(self.robot.mechanism).terms;
         span::unspanned(self.robot, &self.dataset, &self.noise, terms[0].at, &terms[0].law)
     }
 
