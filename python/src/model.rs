@@ -62,7 +62,7 @@ impl Model {
     }
 
     /// The text of a model file.
-    fn text(&self, py: Python) -> PyResult<String> {
+    pub fn text(&self, py: Python) -> PyResult<String> {
         if let Some(law) = self.inner.effects.iter().find(|a| Law::is_own(&*a.effect)) {
             let text = format!(
                 "the effect `{}` is a Python law, which no model file can hold; write it as a formula \

@@ -130,13 +130,10 @@ impl Experiments {
                     Some(noise) => case.noise = *noise,
                     None => return wrong(&Noise::ALL.map(Noise::name)),
                 },
-                "motion" => {
-                    let all = [MotionKind::Fourier, MotionKind::Wideband, MotionKind::Cycle];
-                    match all.iter().find(|motion| motion.name() == text) {
-                        Some(motion) => case.motion = *motion,
-                        None => return wrong(&all.map(MotionKind::name)),
-                    }
-                }
+                "motion" => match MotionKind::ALL.iter().find(|motion| motion.name() == text) {
+                    Some(motion) => case.motion = *motion,
+                    None => return wrong(&MotionKind::ALL.map(MotionKind::name)),
+                },
                 "duration" => match text.parse::<f64>() {
                     Ok(x) if (DURATION.0..=DURATION.1).contains(&x) => case.duration = x,
                     _ => return wrong(&["a number from 1 to 600 s"]),
