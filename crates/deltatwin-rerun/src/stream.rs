@@ -118,13 +118,18 @@ fn piece<'a>(stage: &'a Stage, updates: &[Update]) -> Scene<'a> {
 
 #[cfg(test)]
 mod tests {
+    use std::net::TcpListener;
+
     use nalgebra::Isometry3;
 
     use super::*;
+    use crate::scene::Assets;
+    use deltatwin::dynamics::Plant;
     use deltatwin::kinematics::SocketSet;
     use deltatwin::kinematics::motion::SOCKETS;
     use deltatwin::machine::bodies::BODIES;
-    use deltatwin::machine::{AXES, STRUTS};
+    use deltatwin::machine::{AXES, STRUTS, Setup};
+    use deltatwin::twin::Options;
 
     fn frame(t: f64) -> Frame {
         Frame {
@@ -150,6 +155,35 @@ mod tests {
         drop(waiting);
         watcher.see(Some(&frame(1.0)), &[]);
         assert_eq!(lost.load(Ordering::Relaxed), 8);
+    }
+
+    /// A viewer that takes the connection and closes it, and one that never says anything.
+    #[test]
+    fn a_viewer_that_goes_away_does_not_stop_the_run() {
+        for stays in [false, true] {
+            let server = TcpListener::bind("127.0.0.1:0").unwrap();
+            let url = format!("rerun+http://{}/proxy", server.local_addr().unwrap());
+            std::thread::spawn(move || {
+                let mut held = Vec::new();
+                for stream in server.incoming().take(3) {
+                    if stays {
+                        held.push(stream);
+                    }
+                }
+                std::thread::sleep(Duration::from_secs(20));
+            });
+            let model = deltatwin_io::model::read(std::path::Path::new("../../models/irb360-6-1600.toml")).unwrap();
+            let plant = Plant::new(&model, &Setup::default());
+            let stage = Stage { plant, options: Options::default(), desired: None, assets: Assets::default() };
+            let (stream, watcher) = Stream::open(&Viewer::Connect(url), "gone", stage).unwrap();
+            let begun = Instant::now();
+            for k in 0..5000 {
+                watcher.see(Some(&frame(SPACING * f64::from(k))), &[]);
+            }
+            assert!(begun.elapsed() < Duration::from_secs(1), "{stays}: {:?}", begun.elapsed());
+            assert!(stream.finish().is_some_and(|problem| problem.contains("has not got everything")), "{stays}");
+            assert!(begun.elapsed() < PATIENCE + Duration::from_secs(2), "{stays}: {:?}", begun.elapsed());
+        }
     }
 
     #[test]
