@@ -329,9 +329,15 @@ impl Contacts for Cell {
                 (None, Collider::Object(o)) => add(&mut reactions[o], &loads.on_second),
                 (None, Collider::Part(_)) => {}
             }
-            let touch = Touch { link: robot.named(first), other: robot.named(second), force: loads.normal };
+            let touch = Touch {
+                link: robot.named(first),
+                other: robot.named(second),
+                force: loads.normal,
+                at: loads.centre,
+                push: loads.on_first.0,
+            };
             match touches.iter_mut().find(|t| (t.link, t.other) == (touch.link, touch.other)) {
-                Some(known) => known.force += touch.force,
+                Some(known) => known.add(&touch),
                 None => touches.push(touch),
             }
             if deepest.is_none_or(|(_, depth)| loads.depth >= depth) {

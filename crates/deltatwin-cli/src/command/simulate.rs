@@ -34,6 +34,8 @@ use deltatwin::twin::{
 };
 use deltatwin_io::file::WriteError;
 use deltatwin_io::{model, recording, scenario};
+#[cfg(feature = "viewer")]
+use deltatwin_rerun::{scene::Assets, show::Stage};
 
 /// Run the twin.
 ///
@@ -157,10 +159,13 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let verify = args.verify.as_deref().map(earlier).transpose()?;
     catch_interrupt()?;
     #[cfg(feature = "viewer")]
-    let stream = jobs.first_mut().and_then(|job| {
-        let plant = Plant::new(&job.machine, &job.scenario.setup);
-        args.viewer.open(&job.scenario.name, &plant, &mut job.options, FRAME)
-    });
+    let stream = match jobs.first_mut() {
+        Some(Job { scenario, machine, motion, options, .. }) if args.viewer.wanted() => {
+            let shown = options.clone();
+            args.viewer.open(&scenario.name, || stage(machine, scenario, motion, shown), options)?
+        }
+        _ => None,
+    };
     #[cfg(feature = "viewer")]
     let pace = args.viewer.is_live().then_some(args.speed);
     #[cfg(not(feature = "viewer"))]
@@ -268,12 +273,21 @@ fn distinct(files: &[PathBuf], jobs: &[Job]) -> miette::Result<()> {
 fn show(job: &Job, outcome: &Outcome, args: &Args) -> Result<(), WriteError> {
     #[cfg(feature = "viewer")]
     if let Some(rrd) = &args.rrd {
-        let plant = Plant::new(&job.machine, &job.scenario.setup);
-        deltatwin_rerun::show::write(rrd, &plant, &job.options, &outcome.recording, &outcome.report)?;
+        let Job { machine, scenario, motion, options, .. } = job;
+        let stage = stage(machine, scenario, motion, options.clone());
+        let stage = stage.map_err(|e| WriteError::invalid(rrd, format!("{e:#}")))?;
+        stage.write(rrd, &outcome.recording, &outcome.report)?;
     }
     #[cfg(not(feature = "viewer"))]
     let _ = (job, outcome, args);
     Ok(())
+}
+
+/// What a viewer shows of a run besides its frames.
+#[cfg(feature = "viewer")]
+fn stage(machine: &Model, scenario: &Scenario, motion: &DesiredMotion, options: Options) -> miette::Result<Stage> {
+    let plant = Plant::new(machine, &scenario.setup);
+    Ok(Stage { plant, options, desired: Some(motion.clone()), assets: Assets::of(machine)? })
 }
 
 fn job(file: &Path, args: &Args) -> miette::Result<Job> {

@@ -17,6 +17,7 @@ use deltatwin::model::{Added, Model};
 use miette::{IntoDiagnostic, Result, WrapErr, miette};
 use toml::de::{DeTable, DeValue};
 
+use super::meshes;
 use super::schema::{self, Bounds, Shape};
 use super::table::{Table, Value, keys, suggestion};
 use crate::file;
@@ -97,6 +98,7 @@ fn read_model(top: &Table) -> Checked<Model> {
         sample_time: numbers.sample_time,
         effects,
         history: read_history(top)?,
+        meshes: meshes::read(top, mechanism)?,
     })
 }
 
@@ -164,7 +166,7 @@ fn read_mechanism(top: &Table) -> Checked<Mechanism> {
         }
         _ => return Err(top.refuse("mechanism", "expected \"delta\" or \"axis\", the mechanisms known")),
     };
-    let tables = ["name", "mechanism", "geometry", "bodies", "drives", "noise", "effects", "history"];
+    let tables = ["name", "mechanism", "geometry", "bodies", "drives", "noise", "effects", "history", "meshes"];
     top.only(&[&tables[..], own, &keys(schema::top(mechanism))].concat())?;
     Ok(mechanism)
 }

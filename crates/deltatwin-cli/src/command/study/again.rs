@@ -5,6 +5,8 @@ use serde_json::json;
 use super::{Args, COMPLETE, command};
 use crate::terminal::{BAD_ANSWER, check_output, path, say, wrapped};
 use deltatwin::text::significant;
+#[cfg(feature = "viewer")]
+use deltatwin_rerun::{scene::Assets, show::Stage};
 use deltatwin_study::conduct::{Conduct, Remade};
 
 /// Makes `run` again, writes what is asked for and prints its verdict.
@@ -41,8 +43,10 @@ fn write_rerun(remade: &Remade, file: &std::path::Path) -> miette::Result<()> {
             file.display()
         ));
     };
-    let plant = deltatwin::dynamics::Plant::new(&remade.case.model, &remade.case.scenario.setup);
-    deltatwin_rerun::show::write(file, &plant, &outcome.options, recording, &outcome.report)?;
+    let (model, setup) = (&remade.case.model, &remade.case.scenario.setup);
+    let plant = deltatwin::dynamics::Plant::new(model, setup);
+    let (options, assets) = (outcome.options.clone(), Assets::of(model)?);
+    Stage { plant, options, desired: None, assets }.write(file, recording, &outcome.report)?;
     Ok(())
 }
 
