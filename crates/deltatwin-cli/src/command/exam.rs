@@ -14,7 +14,7 @@ use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin_analysis::page::end;
 use deltatwin_io::{model, recording};
-use deltatwin_study::campaign::{Campaign as Rows, CampaignError as Stopped, Chunk, Digest, Row};
+use deltatwin_study::campaign::{BUILD, Campaign as Rows, CampaignError as Stopped, Chunk, Digest, Row};
 use deltatwin_validation::exam::campaign::{Campaign, CampaignError, Case, campaign, hideable, quiet_campaign};
 use deltatwin_validation::exam::motion::MotionKind;
 use deltatwin_validation::exam::noise::Noise;
@@ -257,6 +257,7 @@ fn conducted(args: &Args, plan: &Plan, model: &Model) -> miette::Result<Vec<Judg
     let table = Rows {
         folder: args.output.clone(),
         digest,
+        build: BUILD.into(),
         headings: experiment::exam_headings(),
         metadata: vec![("exam".into(), planned)],
     };

@@ -15,6 +15,7 @@ use self::receiver::Receiving;
 use self::remedy::Remedy;
 #[cfg(feature = "viewer")]
 use crate::command::view::LiveView;
+use crate::data::Outside;
 #[cfg(feature = "viewer")]
 use crate::data::positive;
 use crate::terminal::{
@@ -72,6 +73,8 @@ pub struct Args {
     #[cfg(feature = "viewer")]
     #[arg(long, value_name = "X", default_value_t = 1.0, requires = "live", value_parser = positive)]
     speed: f64,
+    #[command(flatten)]
+    pub outside: Outside,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -277,7 +280,7 @@ fn show(job: &Job, outcome: &Outcome, args: &Args) -> Result<(), WriteError> {
 }
 
 fn job(file: &Path, args: &Args) -> miette::Result<Job> {
-    let scenario = scenario::read_with(file, deltatwin_cell::mesh::read)?;
+    let scenario = scenario::read_with(file, args.outside.access())?;
     let machine_file = args.model.as_ref().unwrap_or(&scenario.model);
     let machine = scenario.machine(&model::read(machine_file)?);
     // The controller's model is independent of the machine: the same motion drives both.
