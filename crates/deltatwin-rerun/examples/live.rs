@@ -21,8 +21,8 @@ use deltatwin_rerun::show::Stage;
 use deltatwin_rerun::stream::Stream;
 use deltatwin_rerun::web::WebViewer;
 use miette::{IntoDiagnostic, miette};
-use rerun::external::re_chunk::Chunk;
 use rerun::external::{re_grpc_client, re_log_types};
+use rerun::log::Chunk;
 
 /// Turns with and without the stream.
 const TURNS: usize = 5;

@@ -104,7 +104,7 @@ impl Stage {
 /// What colours, ghost and arrows mean.
 const LEGEND: &str = "**Struts and cups**: load against hold, grey up to a half, yellow at three quarters, red at the \
     limit; a strut that is off is red. **Ghost** (blue): the desired motion, where the robot is more than 1 mm from it. \
-    **Arrows**: contact forces on the robot, 1 mm per N.\n";
+    **Arrows**: contact forces on the robot, 2 mm per N.\n";
 
 /// Contacts of a frame.
 fn touches(frame: &Frame) -> Vec<Contact> {

@@ -158,6 +158,8 @@
     serial: 0, wanted: false,
     open() {
       this.wanted = true;
+      // What was shown before is made anew.
+      this.serial = state.shown ? state.shown.serial : 0;
       act({ do: "view" });
     },
     close() {

@@ -75,3 +75,45 @@ impl Asset {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Scene, entities};
+    use deltatwin::kinematics::{JointState, Motion};
+
+    /// Binary STL of a tetrahedron with edges of 100 units along the axes.
+    fn tetrahedron() -> Vec<u8> {
+        let corners = [[0.0f32; 3], [100.0, 0.0, 0.0], [0.0, 100.0, 0.0], [0.0, 0.0, 100.0]];
+        let faces: [[usize; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
+        let mut file = vec![b' '; 80];
+        file.extend(4u32.to_le_bytes());
+        for face in faces {
+            let numbers = [0.0; 3].into_iter().chain(face.into_iter().flat_map(|k| corners[k]));
+            file.extend(numbers.flat_map(f32::to_le_bytes));
+            file.extend([0, 0]);
+        }
+        file
+    }
+
+    #[test]
+    fn a_mesh_takes_the_place_of_the_shape() {
+        let folder = tempfile::tempdir().unwrap();
+        let text = std::fs::read_to_string("../../models/irb360-6-1600.toml").unwrap();
+        let file = folder.path().join("own.toml");
+        std::fs::write(&file, text + "\n[meshes]\nscale = 0.001\narm = \"arm.stl\"\n").unwrap();
+        let model = deltatwin_io::model::read(&file).unwrap();
+        let missing = format!("{:?}", Assets::of(&model).unwrap_err());
+        assert!(missing.contains("[meshes] arm") && missing.contains("arm.stl"), "{missing}");
+        std::fs::write(folder.path().join("arm.stl"), tetrahedron()).unwrap();
+        let assets = Assets::of(&model).unwrap();
+
+        let motion = Motion::assembled(&model.geometry, &JointState::default()).unwrap();
+        let mut scene = Scene::new(model.mechanism, &model.geometry, vec![0.0], vec![motion.poses()]);
+        let has = |scene: &Scene, entity: &str| entities(scene).contains(entity);
+        assert!(!has(&scene, "/world/robot/arm1/mesh") && has(&scene, "/world/robot/arm1/neck"));
+        scene.assets = Some(&assets);
+        assert!(has(&scene, "/world/robot/arm3/mesh") && !has(&scene, "/world/robot/arm1/neck"));
+        assert!(has(&scene, "/world/robot/strut1/cup_upper"), "other parts stay");
+    }
+}

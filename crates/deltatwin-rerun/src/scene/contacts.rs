@@ -8,8 +8,9 @@ use super::{Outcome, color, frames, point};
 
 const ENTITY: &str = "world/contacts";
 /// Length of an arrow per force, m/N, and of the longest, m.
-const LENGTH: f64 = 1e-3;
+const LENGTH: f64 = 2e-3;
 const LONGEST: f64 = 0.6;
+const RADIUS: f32 = 0.006;
 const COLOR: [u8; 3] = [255, 225, 60];
 
 /// Logs the contacts of every frame that has any, and once that there are none.
@@ -27,7 +28,8 @@ pub(super) fn arrows(rec: &RecordingStream, scene: &Scene, known: &mut Known) ->
         .with_origins(all().map(|c| point(c.at)))
         .with_vectors(all().map(|c| point(c.force * length(c.force.norm()))))
         .with_labels(all().map(|c| format!("{:.0} N", c.force.norm())))
-        .with_colors(all().map(|_| color(COLOR)));
+        .with_colors(all().map(|_| color(COLOR)))
+        .with_radii(all().map(|_| RADIUS));
     let times: Vec<f64> = sent.iter().map(|&k| scene.times[k]).collect();
     rec.send_columns(ENTITY, [frames(&times)], arrows.columns(sent.iter().map(|&k| contacts[k].len()))?)?;
     Ok(())

@@ -38,11 +38,11 @@ pub(super) fn layout(scene: &Scene) -> bp::Blueprint {
     let tabs: Vec<bp::ContainerLike> = tabs.collect();
     let mut left = vec![robots(scene)];
     let mut words: Vec<bp::ContainerLike> = Vec::new();
-    if scene.text.is_some() {
-        words.push(bp::TextDocumentView::new(TEXT).with_origin(format!("/{TEXT}")).into());
-    }
     if scene.eventful || !scene.notes.is_empty() {
         words.push(bp::TextLogView::new(EVENTS).with_origin(format!("/{EVENTS}")).into());
+    }
+    if scene.text.is_some() {
+        words.push(bp::TextDocumentView::new(TEXT).with_origin(format!("/{TEXT}")).into());
     }
     match words.len() {
         0 => {}

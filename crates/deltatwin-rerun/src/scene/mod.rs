@@ -150,6 +150,22 @@ fn point(v: Vector3<f64>) -> [f32; 3] {
     [v.x as f32, v.y as f32, v.z as f32]
 }
 
+/// Entities of a scene.
+#[cfg(test)]
+fn entities(scene: &Scene) -> std::collections::BTreeSet<String> {
+    use rerun::external::re_log_types::LogMsg;
+    use rerun::log::Chunk;
+    let (rec, storage) = rerun::RecordingStreamBuilder::new(APPLICATION).enabled(true).memory().unwrap();
+    shapes(&rec, scene).unwrap();
+    trail::whole(&rec, scene).unwrap();
+    motion(&rec, scene, &mut Known::default()).unwrap();
+    let of = |message: LogMsg| match message {
+        LogMsg::ArrowMsg(_, arrow) => Some(Chunk::from_arrow_msg(&arrow).unwrap().entity_path().to_string()),
+        _ => None,
+    };
+    storage.take().into_iter().filter_map(of).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -181,6 +197,31 @@ mod tests {
             arm_limits: [-0.9, 1.9],
             telescope_limits: [0.65, 1.25],
         }
+    }
+
+    /// Ghost and contacts appear where there are any, and a later model has a robot of its own.
+    #[test]
+    fn what_is_compared_has_entities_of_its_own() {
+        let g = geometry();
+        let times = vec![0.0, 0.02];
+        let poses = |phi: f64| vec![lift(&g, phi).poses(), lift(&g, 0.3).poses()];
+        let mut scene = Scene::new(Mechanism::default(), &g, times.clone(), poses(0.3));
+        let has = |scene: &Scene, entity: &str| entities(scene).contains(entity);
+        assert!(!has(&scene, "/world/ghost/arm1") && !has(&scene, "/world/contacts") && !has(&scene, "/world/legend"));
+        scene.residual = Some(vec![[0.0; AXES]; 2]);
+        scene.ghost = Some(poses(0.4));
+        scene.ghost_name = "model".into();
+        scene.after = Some(After { residual: vec![[9.0; AXES]; 2], ghost: None });
+        let contact = Contact { at: Vector3::new(0.0, 0.0, -1.0), force: Vector3::new(0.0, 0.0, 50.0) };
+        scene.contacts = Some(vec![vec![], vec![contact]]);
+        for entity in
+            ["ghost/arm1", "ghost", "contacts", "legend", "after/robot/arm1", "after/path", "robot/springs/pair1_upper"]
+        {
+            assert!(has(&scene, &format!("/world/{entity}")), "{entity}: {:?}", entities(&scene));
+        }
+        assert!(!has(&scene, "/world/ghost/strut1/sockets") && !has(&scene, "/world/after/ghost"));
+        scene.contacts = Some(vec![vec![]]);
+        assert_eq!(scene.check().unwrap_err(), "contacts: 1 values for 2 times");
     }
 
     /// A write to a full disk must return an error; the SDK's file writer blocked in this case.

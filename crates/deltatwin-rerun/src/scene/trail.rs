@@ -1,5 +1,6 @@
 //! The trajectory of the platform in the colours of its residual, with what they mean.
 
+use nalgebra::Vector3;
 use rerun::{RecordingStream, archetypes as a};
 
 use super::content::Scene;
@@ -15,7 +16,7 @@ const BACK: f64 = 2.0;
 /// Residuals in the legend, standard deviations, and what it says.
 const LEGEND: [(f64, &str); 3] = [(1.0, "residual: noise"), (3.5, "3.5 σ"), (6.0, "6 σ and more")];
 /// Length of a line of the legend and distance between two, m.
-const LINE: (f32, f32) = (0.06, 0.035);
+const LINE: (f32, f32) = (0.06, 0.07);
 
 /// Colour of the axis with the largest residual.
 fn worst(residual: &[f64; AXES]) -> [u8; 3] {
@@ -75,7 +76,9 @@ pub(super) fn legend(rec: &RecordingStream, scene: &Scene) -> Outcome {
     if lines.is_empty() || !is_assembled(scene) {
         return Ok(());
     }
-    let [x, y, z] = point(Geometry::radial(0) * (-2.2 * g.base_radius));
+    // Above what moves, beside the housing.
+    let height = g.mounting_height + f64::from(LINE.1) * lines.len() as f64;
+    let [x, y, z] = point(Geometry::radial(0) * (-2.5 * g.base_radius) + Vector3::z() * height);
     let strips = (0..lines.len()).map(|k| {
         let height = z - LINE.1 * k as f32;
         [[x, y - 0.5 * LINE.0, height], [x, y + 0.5 * LINE.0, height]]
