@@ -7,7 +7,7 @@ use deltatwin::effects::{self, ActiveEffect};
 use deltatwin::identification::Estimate;
 use deltatwin::machine::bodies::{ARM, BODIES, END_EFFECTOR, Inertia, PLATFORM, ROTOR, STRUT};
 use deltatwin::machine::{Joint, Mechanism, Unit};
-use deltatwin::model::{Added, Model, Provenance, summary};
+use deltatwin::model::{Added, MeshPart, Model, Provenance, summary};
 use deltatwin_io::model;
 use deltatwin_io::model::{fitted_text, full_text, updated_text};
 use proptest::prelude::*;
@@ -392,6 +392,37 @@ fn one_strut_may_depart_from_the_others() {
     assert_eq!(m.bodies[STRUT + 3].mass, 0.34);
     assert_eq!(m.bodies[STRUT + 4].mass, 0.179);
     assert_same(&parse(&updated_text(&text, &m).unwrap()).unwrap(), &m);
+}
+
+#[test]
+fn meshes_are_named_and_kept() {
+    let text =
+        nominal() + "\n[meshes] # from the data sheet\nscale = 0.001\narm = \"cad/arm.stl\"\nbase = \"cad/base.glb\"\n";
+    let mut m = parse(&text).unwrap();
+    assert_eq!(m.meshes.scale, 0.001);
+    assert_eq!(m.meshes.files[&MeshPart::Arm], Path::new("cad/arm.stl"));
+    assert_eq!(updated_text(&text, &m).unwrap(), text);
+    m.gravity = 9.8067;
+    assert_eq!(parse(&updated_text(&text, &m).unwrap()).unwrap().meshes, m.meshes);
+    assert_eq!(parse(&full_text(&m).unwrap()).unwrap().meshes, m.meshes);
+    let refused = |line: &str| parse(&format!("{}\n[meshes]\n{line}\n", nominal())).unwrap_err().to_string();
+    assert!(refused("arm = \"arm.exe\"").contains("[meshes] arm = \"arm.exe\": expected the name of a file (.stl"));
+    assert!(refused("arms = \"arm.stl\"").contains("did you mean `arm`"), "{}", refused("arms = \"arm.stl\""));
+    assert!(refused("scale = 0.0").contains("[meshes] scale"), "{}", refused("scale = 0.0"));
+    assert!(refused("axis = \"lever.stl\"").contains("unknown key"));
+
+    // A model that is written into another folder finds them there.
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["models", "out"] {
+        std::fs::create_dir(folder.path().join(name)).unwrap();
+    }
+    let file = folder.path().join("models/own.toml");
+    std::fs::write(&file, &text).unwrap();
+    let written = folder.path().join("out/fitted.toml");
+    model::write(&model::read(&file).unwrap(), &written).unwrap();
+    let again = model::read(&written).unwrap();
+    assert_eq!(again.meshes.files[&MeshPart::Arm], Path::new("../models/cad/arm.stl"));
+    assert_eq!(model::meshes::files(&again).unwrap()[1].0, MeshPart::Arm);
 }
 
 #[test]

@@ -223,7 +223,9 @@ def _conducted(
     return read_study_table(plan.folder / "runs.parquet")
 
 
-def compute_chunk(study: str, digest: str, number: int, of: int, threads: int = 1) -> dict[str, bytes]:
+def compute_chunk(
+    study: str, digest: str, number: int, of: int, threads: int = 1, *, build: str | None = None
+) -> dict[str, bytes]:
     """Compute one chunk of a study in a folder of its own, and return its files by their relative names.
 
     The function is pure: its result depends on its arguments only, not on ``threads``.
@@ -231,12 +233,14 @@ def compute_chunk(study: str, digest: str, number: int, of: int, threads: int = 
     Raises
     ------
     ValueError
-        If the study file here is not the one with ``digest``.
+        If the study file here is not the one with ``digest``, or deltatwin here is not that ``build``.
     """
-    return _computed(partial(StudyPlan, study), digest, number, of, threads)
+    return _computed(partial(StudyPlan, study), digest, number, of, threads, build=build)
 
 
-def _computed(make: _Plan, digest: str, number: int, of: int, threads: int = 1) -> dict[str, bytes]:
+def _computed(
+    make: _Plan, digest: str, number: int, of: int, threads: int = 1, *, build: str | None = None
+) -> dict[str, bytes]:
     """The files of one chunk of a plan, computed in a folder of its own, by their relative names."""
     with tempfile.TemporaryDirectory(prefix="deltatwin-") as folder:
         plan = make(folder)
@@ -244,6 +248,11 @@ def _computed(make: _Plan, digest: str, number: int, of: int, threads: int = 1) 
             raise ValueError(
                 f"{plan}: has the digest {plan.digest} on this node, the study has {digest}; "
                 "expected the same files and the same deltatwin on every node"
+            )
+        if build is not None and plan.build != build:
+            raise ValueError(
+                f"{plan}: deltatwin is the build {plan.build:.12} on this node, the study began with {build:.12}; "
+                "expected the same deltatwin on every node"
             )
         plan.chunk(number, of, threads=threads, progress=False)
         root = Path(folder)
@@ -295,7 +304,7 @@ def _on_ray(
         todo = iter(missing)
         while True:
             while len(waiting) < most and (number := next(todo, None)) is not None:
-                waiting[task.remote(make, plan.digest, number, of)] = number
+                waiting[task.remote(make, plan.digest, number, of, build=plan.build)] = number
             if not waiting:
                 break
             ready, _ = ray.wait(list(waiting), num_returns=1, timeout=0.5)
@@ -304,7 +313,7 @@ def _on_ray(
                 try:
                     files = ray.get(reference)
                 except (ray.exceptions.ObjectLostError, ray.exceptions.WorkerCrashedError, ray.exceptions.NodeDiedError):
-                    waiting[task.remote(make, plan.digest, number, of)] = number
+                    waiting[task.remote(make, plan.digest, number, of, build=plan.build)] = number
                     continue
                 except ray.exceptions.RayTaskError as error:
                     raise error.as_instanceof_cause() from None

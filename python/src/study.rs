@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use deltatwin_io::outside::Access;
 use deltatwin_io::study;
 use deltatwin_study::campaign::parquet::Reader;
 use deltatwin_study::campaign::{self, Campaign, CampaignError, Chunk, Held, Kind, Value, Watch};
@@ -29,6 +30,8 @@ pub struct StudyPlan {
     #[pyo3(get)]
     digest: String,
     #[pyo3(get)]
+    build: String,
+    #[pyo3(get)]
     is_search: bool,
 }
 
@@ -54,7 +57,7 @@ impl Work {
                 return Ok(Self::Exam(exam.judging(*anew).into()));
             }
         };
-        let study = study::read(file, deltatwin_cell::mesh::read)?;
+        let study = study::read(file, Access::with(deltatwin_cell::mesh::read))?;
         Ok(match study.experiment {
             None => Self::Runs(Conduct::new(study, folder)?.into()),
             Some(_) => Self::Experiments(Experiments::new(study, folder)?.into()),
@@ -95,7 +98,8 @@ impl StudyPlan {
     fn of(py: Python, subject: Subject, folder: PathBuf) -> PyResult<Self> {
         let work = Work::new(&subject, &folder).map_err(|e| errors::report(py, &e))?;
         let (runs, is_search) = (work.runs(), work.is_search());
-        Ok(Self { subject, folder, runs, digest: work.campaign().digest.hex(), is_search })
+        let (digest, build) = (work.campaign().digest.hex(), work.campaign().build.clone());
+        Ok(Self { subject, folder, runs, digest, build, is_search })
     }
 
     fn work(&self, py: Python) -> PyResult<Work> {
@@ -230,7 +234,7 @@ impl StudyPlan {
 
     /// Compute the rows of chunk ``number`` of ``of`` that are not there yet, and return their file.
     ///
-    /// A chunk is a pure function of the study (its ``digest``) and of the two numbers. ``threads`` is 0 for all cores.
+    /// A chunk is a pure function of the study (its ``digest``), of the program (its ``build``) and of the two numbers. ``threads`` is 0 for all cores.
     /// Computing the same chunk twice, after a kill, or with other threads gives the same bytes.
     #[pyo3(signature = (number = 1, of = 1, *, threads = 0, progress = None))]
     fn chunk(

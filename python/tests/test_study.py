@@ -56,6 +56,8 @@ def test_what_is_missing_is_told(tmp_path):
         plan.chunk(5, 4)
     with pytest.raises(ValueError, match="expected the same files"):
         dt.compute_chunk(str(SMOKE), "0" * 64, 1, 4)
+    with pytest.raises(ValueError, match="the same deltatwin on every node"):
+        dt.compute_chunk(str(SMOKE), plan.digest, 1, 4, build="0" * 64)
     with pytest.raises(FileNotFoundError):
         dt.StudyPlan(tmp_path / "missing.toml", tmp_path)
 

@@ -3,12 +3,14 @@
 //! A [`Model`] is constant after loading.
 
 pub mod history;
+mod meshes;
 pub mod provenance;
 mod summary;
 #[cfg(test)]
 pub(crate) mod testing;
 
 pub use history::Added;
+pub use meshes::{MeshPart, Meshes};
 pub use provenance::Provenance;
 pub use summary::summary;
 
@@ -53,6 +55,8 @@ pub struct Model {
     pub effects: Effects,
     /// Effects added to the model, in order, with the error before and after.
     pub history: Vec<Added>,
+    /// Meshes that show its parts.
+    pub meshes: Meshes,
 }
 
 impl Model {

@@ -127,6 +127,22 @@ pub struct Touch {
     pub other: ContactBody,
     /// Sum of the normal forces of all contact points, N.
     pub force: f64,
+    /// Centre of these points, weighted by their forces, in the inertial frame, m.
+    pub at: Vector3<f64>,
+    /// Force on the link, with friction, in the inertial frame, N.
+    pub push: Vector3<f64>,
+}
+
+impl Touch {
+    /// Adds the forces of other contact points of the same pair.
+    pub fn add(&mut self, other: &Self) {
+        let force = self.force + other.force;
+        if force > 0.0 {
+            self.at += (other.at - self.at) * (other.force / force);
+        }
+        self.force = force;
+        self.push += other.push;
+    }
 }
 
 /// An object at the time it is picked up.

@@ -3,7 +3,7 @@
 use nalgebra::Isometry3;
 use thiserror::Error;
 
-use super::contacts::{ContactBody, ContactWork};
+use super::contacts::{ContactBody, ContactWork, Touch};
 use super::trace::{Dislocation, Impact, Sample, TripCause};
 use crate::cell::CellError;
 use crate::kinematics::motion::SOCKETS;
@@ -30,6 +30,8 @@ pub struct Frame {
     pub strut_force: [[f64; STRUTS]; 2],
     /// Remaining force margin of each socket, N; zero once open.
     pub socket_margin: [f64; SOCKETS],
+    /// Contacts of the robot.
+    pub contacts: Vec<Touch>,
 }
 
 /// An event.

@@ -406,6 +406,7 @@ impl<'a> Run<'a> {
             closed: self.twin.closed(),
             strut_force: [snapshot.reactions.upper, snapshot.reactions.lower],
             socket_margin: *margins,
+            contacts: self.contacts.as_ref().map_or_else(Vec::new, |c| c.touches().to_vec()),
         };
         if let Some(watcher) = watcher {
             watcher.see(Some(&frame), &self.report.events[self.watched..]);

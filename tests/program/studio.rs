@@ -214,13 +214,10 @@ fn windows_are_told_what_changes_and_what_is_wrong_with_a_typed_law() {
     let mut head = String::new();
     listen("wrong").read_line(&mut head).unwrap();
     assert!(head.contains("403"), "{head}");
-    // More windows than there are threads that answer.
-    let mut windows = Vec::new();
-    for _ in 0..6 {
-        // One after the other, as people open windows.
-        let mut window = listen(&studio.token);
-        assert!(Studio::event(&mut window)["session"]["versions"].as_array().unwrap().is_empty());
-        windows.push(window);
+    // All at once, as a browser opens the windows of its last session.
+    let mut windows: Vec<_> = (0..12).map(|_| listen(&studio.token)).collect();
+    for window in &mut windows {
+        assert!(Studio::event(window)["session"]["versions"].as_array().unwrap().is_empty());
     }
     studio.act(json!({"do": "shipped", "model": "servo-axis.toml"}));
     for window in &mut windows {
@@ -231,4 +228,126 @@ fn windows_are_told_what_changes_and_what_is_wrong_with_a_typed_law() {
     let wrong = asked("drive1", "-tanh(50*qd9)");
     assert_eq!((wrong["from"].as_u64(), wrong["to"].as_u64()), (Some(9), Some(12)), "{wrong}");
     assert!(asked("platform_x", "1")["problem"].as_str().unwrap().contains("drive1"));
+}
+
+/// Twelve windows listen, four uploads come at once and slowly, and a question in between is answered at once.
+#[test]
+fn uploads_and_windows_do_not_wait_for_each_other() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let csv = axis(folder.path());
+    let studio = Studio::open(&folder.path().join("session"));
+    let windows: Vec<TcpStream> = (0..12)
+        .map(|_| {
+            let mut stream = TcpStream::connect(&studio.host).unwrap();
+            write!(stream, "GET /api/events?token={} HTTP/1.1\r\nHost: {}\r\n\r\n", studio.token, studio.host).unwrap();
+            stream
+        })
+        .collect();
+    std::thread::scope(|scope| {
+        let slow = |k: usize| {
+            let (csv, studio) = (&csv, &studio);
+            move || {
+                let mut stream = TcpStream::connect(&studio.host).unwrap();
+                write!(
+                    stream,
+                    "POST /api/file?name=run{k}.csv HTTP/1.1\r\nHost: {}\r\nx-token: {}\r\nContent-Length: {}\r\n\r\n",
+                    studio.host,
+                    studio.token,
+                    csv.len() + k
+                )
+                .unwrap();
+                let (first, rest) = csv.split_at(csv.len() / 2);
+                stream.write_all(first).unwrap();
+                std::thread::sleep(Duration::from_secs(2));
+                stream.write_all(rest).unwrap();
+                // Files that differ.
+                stream.write_all(&b"\n".repeat(k)).unwrap();
+                let mut answer = String::new();
+                stream.read_to_string(&mut answer).unwrap();
+                assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+            }
+        };
+        let uploads: Vec<_> = (0..4).map(|k| scope.spawn(slow(k))).collect();
+        std::thread::sleep(Duration::from_millis(300));
+        let begun = Instant::now();
+        assert_eq!(studio.own("GET", "/api/state", b"").0, 200);
+        assert!(begun.elapsed() < Duration::from_millis(1500), "{:?}", begun.elapsed());
+        uploads.into_iter().for_each(|upload| upload.join().unwrap());
+    });
+    assert_eq!(studio.rested()["session"]["recordings"].as_array().unwrap().len(), 4);
+    drop(windows);
+}
+
+#[test]
+fn the_folder_of_a_bag_is_one_recording() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let bag = folder.path().join("part_0.mcap");
+    let done = Command::new(env!("CARGO_BIN_EXE_deltatwin"))
+        .args(["simulate", "scenarios/servo-axis.toml", "-o", &bag.display().to_string()])
+        .output()
+        .unwrap();
+    assert!(done.status.success());
+    let content = std::fs::read(bag).unwrap();
+    let metadata = b"rosbag2_bagfile_information:\n  relative_file_paths:\n    - part_0.mcap\n";
+    let studio = Studio::open(&folder.path().join("session"));
+    let send = |name: &str, parts: &[(&str, &[u8])]| {
+        let sizes: Vec<Value> = parts.iter().map(|(name, content)| json!([name, content.len()])).collect();
+        let sizes = json!(sizes).to_string().replace('"', "%22").replace(' ', "");
+        let body: Vec<u8> = parts.iter().flat_map(|(_, content)| content.to_vec()).collect();
+        studio.own("POST", &format!("/api/bag?name={name}&parts={sizes}"), &body)
+    };
+    let parts: [(&str, &[u8]); 2] = [("metadata.yaml", metadata), ("part_0.mcap", &content)];
+    // Twice the same is one recording.
+    for _ in 0..2 {
+        let (status, state) = send("..%2Fmorning", &parts);
+        assert_eq!((status, &state["session"]["recordings"][0]["file"]), (200, &json!("data/morning")), "{state}");
+        assert_eq!(state["session"]["recordings"].as_array().unwrap().len(), 1);
+    }
+    studio.act(json!({"do": "shipped", "model": "servo-axis.toml"}));
+    assert_eq!(studio.done(json!({"do": "check"}))["session"]["stages"]["check"]["good"], true);
+    let (_, columns) = studio.own("GET", "/api/columns?recording=0", b"");
+    assert!(columns["rows"].as_u64().is_some_and(|rows| rows > 1000), "{columns}");
+
+    // What is none, or names files elsewhere, changes nothing.
+    let elsewhere = b"rosbag2_bagfile_information:\n  relative_file_paths:\n    - ../morning/part_0.mcap\n";
+    let bad: [&[(&str, &[u8])]; 4] = [
+        &[("part_0.mcap", &content)],
+        &[("metadata.yaml", metadata), ("../part_0.mcap", &content)],
+        &[("metadata.yaml", elsewhere)],
+        &[("metadata.yaml", metadata), ("metadata.yaml", metadata)],
+    ];
+    for parts in bad {
+        let (status, answer) = send("evening", parts);
+        assert!(status == 400 && answer["error"].is_string(), "{answer}");
+    }
+    assert_eq!(studio.rested()["session"]["recordings"].as_array().unwrap().len(), 1);
+    assert_eq!(std::fs::read_dir(folder.path().join("session/data")).unwrap().count(), 1);
+}
+
+/// The viewer's program comes from the server itself, and its page may load nothing from elsewhere.
+#[test]
+#[cfg(feature = "viewer")]
+fn a_recording_is_shown_in_the_viewer_beside() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let csv = axis(folder.path());
+    let studio = Studio::open(&folder.path().join("session"));
+    assert_eq!(studio.own("GET", "/api/rrd", b"").0, 404);
+    assert_eq!(studio.own("POST", "/api/file?name=axis.csv", &csv).0, 200);
+    studio.act(json!({"do": "shipped", "model": "servo-axis.toml"}));
+    studio.done(json!({"do": "check"}));
+    studio.done(json!({"do": "fit"}));
+    let state = studio.done(json!({"do": "view"}));
+    assert_eq!((state["shown"]["serial"].as_u64(), state["shown"]["version"].as_u64()), (Some(1), Some(1)));
+    assert!(state["shown"]["commands"][1].as_str().unwrap().contains("replay data/axis.csv --model"), "{state}");
+    let token = [("x-token", studio.token.as_str())];
+    let (status, file) = studio.ask("GET", "/api/rrd", &token, b"");
+    assert!(status == 200 && file.starts_with("RRF2"), "{status}");
+    assert_eq!(studio.ask("GET", "/viewer", &[], b"").0, 403);
+    let (status, page) = studio.ask("GET", "/viewer", &token, b"");
+    assert!(status == 200 && page.contains("/re_viewer.js"));
+    let (status, program) = studio.ask("GET", "/re_viewer_bg.wasm", &[], b"");
+    assert!(status == 200 && program.len() > 1_000_000 && program.starts_with("\0asm"), "{status}");
 }

@@ -149,6 +149,24 @@ var deltatwin = (() => {
     return { u, box, width };
   }
 
+  // Cursor of a chart in which a drag chooses what `view` shows, a double click everything; `key` links it with others.
+  const draggable = (view, key) => ({
+    sync: { key }, drag: { x: true, y: false, setScale: false }, points: { size: 5 },
+    bind: { dblclick: () => () => { view.show(...view.whole); } },
+  });
+  const dragged = view => u => {
+    if (u.select.width < 4) return;
+    const [a, b] = [u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x")];
+    u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
+    view.show(a, b);
+  };
+  function keyboard(plot, view) {
+    plot.addEventListener("keydown", e => {
+      const act = { ArrowLeft: () => view.pan(-.2), ArrowRight: () => view.pan(.2), "+": () => view.zoom(.6), "=": () => view.zoom(.6), "-": () => view.zoom(1.6), "0": () => view.show(...view.whole) }[e.key];
+      if (act && !e.ctrlKey && !e.metaKey) { e.preventDefault(); act(); }
+    });
+  }
+
   class Signals {
     constructor(section, header, bytes) {
       this.section = section;
@@ -302,17 +320,14 @@ var deltatwin = (() => {
         ...options,
         scales: { x: { time: false, range: () => this.window }, ...options.scales },
         axes: [axis("t / s", 28), axis(label, 62)],
-        cursor: { sync: { key: "deltatwin" }, drag: { x: true, y: false, setScale: false }, points: { size: 5 }, bind: { dblclick: () => () => { this.show(...this.whole); } } },
+        cursor: draggable(this, "deltatwin"),
         hooks: {
           ...options.hooks,
-          setSelect: [u => {
-            if (u.select.width < 4) return;
-            const [a, b] = [u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x")];
-            u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
-            this.show(a, b);
-          }],
+          setSelect: [dragged(this)],
           setCursor: [u => {
             const k = u.cursor.idx;
+            // The chart under the pointer tells others where it is.
+            if (u.cursor.event && k !== null && k !== undefined) dispatchEvent(new CustomEvent("deltatwin-time", { detail: u.data[0][k] }));
             value.textContent = k === null || k === undefined || !u.data[0].length ? still
               : `${digits(u.data[0][k])} s: ` + u.data.slice(1).map((y, s) => u.series[s + 1].show ? digits(y[k]) : null).filter(x => x !== null).join(" · ") + ` ${channel.unit}`;
           }],
@@ -323,11 +338,19 @@ var deltatwin = (() => {
         e.preventDefault();
         this.zoom(e.deltaY < 0 ? .8 : 1.25, made.u.posToVal(e.clientX - made.u.over.getBoundingClientRect().left, "x"));
       }, { passive: false });
-      plot.addEventListener("keydown", e => {
-        const act = { ArrowLeft: () => this.pan(-.2), ArrowRight: () => this.pan(.2), "+": () => this.zoom(.6), "=": () => this.zoom(.6), "-": () => this.zoom(1.6), "0": () => this.show(...this.whole) }[e.key];
-        if (act && !e.ctrlKey && !e.metaKey) { e.preventDefault(); act(); }
-      });
-      this.charts.push({ ...made, data, stages });
+      keyboard(plot, this);
+      this.charts.push({ ...made, data, stages, mark: element(made.u.over, "i", { class: "moment", hidden: "" }) });
+      this.place();
+    }
+
+    // Marks the moment `t`, s, in every chart.
+    mark(t) { this.moment = t; this.place(); }
+    place() {
+      const t = this.moment, inside = t !== undefined && t >= this.window[0] && t <= this.window[1];
+      for (const c of this.charts) {
+        c.mark.hidden = !inside;
+        if (inside) c.mark.style.left = `${(t - this.window[0]) / (this.window[1] - this.window[0]) * c.u.over.clientWidth}px`;
+      }
     }
 
     // -- the window
@@ -353,6 +376,7 @@ var deltatwin = (() => {
         if (!c.late) c.u.setData(c.data(c.u.bbox.width));
       }
       this.strip.u.redraw(false);
+      this.place();
     }
     seen() {
       for (const c of this.charts) {
@@ -559,14 +583,9 @@ var deltatwin = (() => {
         height: single ? 280 : 158, series: [{}, ...series],
         axes: [axis(last && fits ? this.content.x : undefined, 28), { ...axis(panel.unit, 62), space: 24 }],
         scales: { x: { time: false, ...(log ? { distr: 3 } : {}) }, y: log ? { distr: 3 } : { range: padded } },
-        cursor: { sync: { key: this.section.id }, drag: { x: true, y: false, setScale: false }, points: { size: 5 }, bind: { dblclick: () => () => { this.show(...this.whole); } } },
+        cursor: draggable(this, this.section.id),
         hooks: {
-          setSelect: [u => {
-            if (u.select.width < 4) return;
-            const [a, b] = [u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x")];
-            u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
-            this.show(a, b);
-          }],
+          setSelect: [dragged(this)],
           setCursor: [u => {
             const k = u.cursor.idx;
             value.textContent = k === null || k === undefined || !u.data[0].length ? ""
@@ -574,10 +593,7 @@ var deltatwin = (() => {
           }],
         },
       }, data);
-      plot.addEventListener("keydown", e => {
-        const act = { ArrowLeft: () => this.pan(-.2), ArrowRight: () => this.pan(.2), "+": () => this.zoom(.6), "=": () => this.zoom(.6), "-": () => this.zoom(1.6), "0": () => this.show(...this.whole) }[e.key];
-        if (act && !e.ctrlKey && !e.metaKey) { e.preventDefault(); act(); }
-      });
+      keyboard(plot, this);
       if (last && !fits) element(plot, "p", { class: "small" }, `over: ${this.content.x}`);
       return { ...made, of };
     }

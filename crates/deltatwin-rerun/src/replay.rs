@@ -4,16 +4,20 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use miette::{IntoDiagnostic, miette};
+use nalgebra::Isometry3;
 
-use crate::scene::{Live, Scene, Series, Viewer, measured, write_rrd};
+use crate::ghost;
+use crate::scene::{After, Assets, Live, Scene, Series, Viewer, measured, write_rrd};
 use deltatwin::constraint_forces::{Detail, constraint_forces};
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::{Dataset, Residuals, predict};
-use deltatwin::kinematics::KinematicsError;
 use deltatwin::kinematics::motion::SOCKETS;
+use deltatwin::kinematics::{JointState, KinematicsError};
+use deltatwin::machine::bodies::BODIES;
 use deltatwin::machine::{AXES, Mechanism, STRUTS, Unit};
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
+use deltatwin_io::outside::Access;
 
 /// Frame rate of the moving robot, Hz.
 const FRAMES: f64 = 50.0;
@@ -29,14 +33,6 @@ const MEAN: [u8; 3] = [230, 70, 60];
 const AFTER: [u8; 3] = [80, 190, 110];
 const NOISE: [u8; 3] = [130, 135, 140];
 
-/// Writes `recording` with the prediction of `model` as an `.rrd` file.
-///
-/// # Errors
-/// As for [`Replay::write`].
-pub fn write(path: &Path, recording: &Recording, model: &Model) -> miette::Result<()> {
-    Replay { recording, model, beside: None }.write(path)
-}
-
 /// A recording with the models that it is compared with.
 pub struct Replay<'a> {
     /// The recording.
@@ -45,6 +41,8 @@ pub struct Replay<'a> {
     pub model: &'a Model,
     /// A later model, whose residual is shown beside.
     pub beside: Option<&'a Model>,
+    /// Where the meshes that the model names may be.
+    pub access: Access,
 }
 
 impl Replay<'_> {
@@ -53,8 +51,8 @@ impl Replay<'_> {
     /// # Errors
     /// If the prediction or the kinematics fail, or the file cannot be written.
     pub fn write(&self, path: &Path) -> miette::Result<()> {
-        let plant = Plant::new(self.model, &self.recording.setup);
-        write_rrd(path, &self.recording.name, &self.scene(&plant)?).into_diagnostic()
+        let (plant, assets) = (Plant::new(self.model, &self.recording.setup), Assets::of(self.model, self.access)?);
+        write_rrd(path, &self.recording.name, &self.scene(&plant, &assets)?).into_diagnostic()
     }
 
     /// Streams to a viewer, `pace` seconds of the recording per second or as fast as it goes, until it ends or `goes_on`
@@ -63,8 +61,8 @@ impl Replay<'_> {
     /// # Errors
     /// If the prediction or the kinematics fail, or the viewer does not answer.
     pub fn stream(&self, viewer: &Viewer, pace: Option<f64>, goes_on: &dyn Fn() -> bool) -> miette::Result<()> {
-        let plant = Plant::new(self.model, &self.recording.setup);
-        let scene = self.scene(&plant)?;
+        let (plant, assets) = (Plant::new(self.model, &self.recording.setup), Assets::of(self.model, self.access)?);
+        let scene = self.scene(&plant, &assets)?;
         let (Some(&first), Some(&last)) = (scene.times.first(), scene.times.last()) else {
             return Err(miette!("{}: has no frames", self.recording.name));
         };
@@ -84,7 +82,7 @@ impl Replay<'_> {
         live.finish().map_err(problem)
     }
 
-    fn scene<'p>(&self, plant: &'p Plant) -> miette::Result<Scene<'p>> {
+    fn scene<'p>(&self, plant: &'p Plant, assets: &'p Assets) -> miette::Result<Scene<'p>> {
         let dataset = Dataset::new(self.recording);
         let predicted = predict(plant, &dataset).into_diagnostic()?;
         let noise = dataset.noise(self.model);
@@ -112,7 +110,7 @@ impl Replay<'_> {
         for i in 0..axes {
             let mut add = |name: &str, times: &[f64], values: Vec<f64>, color, label: &str| {
                 let path = format!("residual/axis{}/{name}", i + 1);
-                series.push(Series { path, times: times.to_vec(), values, color, label: format!("{label} [{unit}]") });
+                series.push(Series::new(path, times.to_vec(), values, color, format!("{label} [{unit}]")));
             };
             // Of white noise averaged over a frame.
             let band = BAND * noise[i] / (stride as f64).sqrt();
@@ -128,20 +126,33 @@ impl Replay<'_> {
         for i in 0..axes {
             let (path, label) = (format!("torque/axis{}/model", i + 1), format!("model [{unit}]"));
             let (times, values) = (dataset.t.clone(), predicted[i].clone());
-            series.push(Series { path, times, values, color: PREDICTED, label });
+            series.push(Series::new(path, times, values, PREDICTED, label));
         }
         for i in 0..axes {
             let (path, label) = (format!("samples/axis{}/residual", i + 1), format!("residual [{unit}]"));
             let (times, values) = (dataset.t.clone(), left.series[0][i].clone());
-            series.push(Series { path, times, values, color: RESIDUAL, label });
+            series.push(Series::new(path, times, values, RESIDUAL, label));
         }
-        let mut scene = Scene::new(plant.mechanism, &plant.geometry, times, poses);
-        let sigma = |f: usize, i: usize| before[i][f] / noise[i].max(f64::MIN_POSITIVE);
-        let of_frame = |f: usize| std::array::from_fn(|i| if i < axes { sigma(f, i) } else { 0.0 });
-        scene.residual = Some((0..frames.len()).map(of_frame).collect::<Vec<[f64; AXES]>>());
+        let rows = |means: &[Vec<f64>]| -> Vec<[f64; AXES]> {
+            (0..frames.len()).map(|f| std::array::from_fn(|i| means.get(i).map_or(0.0, |mean| mean[f]))).collect()
+        };
+        let joints: Vec<JointState> = frames.iter().map(|&k| dataset.joints[k]).collect();
+        let beside = self.beside.map(|model| Plant::new(model, &self.recording.setup)).zip(after);
+        let ghosts = Ghosts::of(plant, &times, &joints, &rows(&before))?;
+        let after = beside.map(|(later, means)| {
+            let means = rows(&means);
+            let ghost = ghosts.beside(&later, &means)?;
+            Ok::<_, miette::Report>(After { residual: in_sigma(&means, &noise), ghost: Some(ghost) })
+        });
+        let mut scene = Scene::new(plant.mechanism, &plant.geometry, times.clone(), poses);
+        scene.residual = Some(in_sigma(&rows(&before), &noise));
         scene.used = used(self.model, plant, &dataset, &frames).into_diagnostic()?;
         scene.series = series;
-        scene.text = Some(self.text(&left, later.as_ref(), &noise, unit));
+        scene.text = Some(self.text(&left, later.as_ref(), &noise, unit) + &ghosts.text());
+        scene.ghost_name = ghosts.name();
+        scene.after = after.transpose()?;
+        scene.ghost = Some(ghosts.poses);
+        scene.assets = Some(assets);
         Ok(scene)
     }
 
@@ -161,9 +172,52 @@ impl Replay<'_> {
     }
 }
 
+/// Residuals in standard deviations of the noise.
+fn in_sigma(residual: &[[f64; AXES]], noise: &[f64]) -> Vec<[f64; AXES]> {
+    let sigma = |r: &[f64; AXES], i: usize| noise.get(i).map_or(0.0, |noise| r[i] / noise.max(f64::MIN_POSITIVE));
+    residual.iter().map(|r| std::array::from_fn(|i| if i < noise.len() { sigma(r, i) } else { 0.0 })).collect()
+}
+
+/// Where the models would be, see [`ghost`].
+struct Ghosts<'a> {
+    times: &'a [f64],
+    joints: &'a [JointState],
+    factor: f64,
+    poses: Vec<[Isometry3<f64>; BODIES]>,
+}
+
+impl<'a> Ghosts<'a> {
+    /// The ghost of the first model, which sets the factor.
+    fn of(plant: &Plant, times: &'a [f64], joints: &'a [JointState], residual: &[[f64; AXES]]) -> miette::Result<Self> {
+        let deviations = ghost::deviations(plant, times, joints, residual).into_diagnostic()?;
+        let factor = ghost::factor(plant, &deviations);
+        let poses = ghost::poses(plant, joints, &deviations, factor).into_diagnostic()?;
+        Ok(Self { times, joints, factor, poses })
+    }
+
+    /// The ghost of a later model with the same factor.
+    fn beside(&self, later: &Plant, residual: &[[f64; AXES]]) -> miette::Result<Vec<[Isometry3<f64>; BODIES]>> {
+        let deviations = ghost::deviations(later, self.times, self.joints, residual).into_diagnostic()?;
+        ghost::poses(later, self.joints, &deviations, self.factor).into_diagnostic()
+    }
+
+    fn name(&self) -> String {
+        if self.factor > 1.0 { format!("model, deviation × {}", self.factor) } else { "model".into() }
+    }
+
+    fn text(&self) -> String {
+        let enlarged = if self.factor > 1.0 { format!(", **enlarged {} times**", self.factor) } else { String::new() };
+        format!(
+            "\n**Ghost** (blue): where the model would be under the measured torques; every {} s it is put back to the \
+             measured state. Its deviation is shown{enlarged}, where it is more than 1 mm.\n",
+            ghost::RELEASE
+        )
+    }
+}
+
 /// What the colours mean.
 pub(crate) const LEGEND: &str = "\n**Colours.** Arms, telescope and trail: residual over 20 ms, green within the noise, \
-    yellow at 3 σ, red from 6 σ. Struts and cups: load against hold, grey up to a half, yellow at three quarters, red at \
+    yellow at 3.5 σ, red from 6 σ. Struts and cups: load against hold, grey up to a half, yellow at three quarters, red at \
     the limit; a strut that is off is red.\n";
 
 /// Share of its hold that every socket uses at each of `frames`, from the model's forces; `None` without struts.

@@ -2,68 +2,113 @@
 
 use std::path::Path;
 
-use crate::scene::{Scene, Series, Thing, measured, socket_margins, strut_force, write_rrd};
+use nalgebra::Isometry3;
+
+use crate::scene::{
+    Assets, Contact, Scene, Series, Thing, measured, socket_margins, strut_force, strut_forces, write_rrd,
+};
 use deltatwin::dynamics::Plant;
 use deltatwin::kinematics::motion::SOCKETS;
+use deltatwin::machine::bodies::BODIES;
 use deltatwin::machine::{Part, STRUTS};
 use deltatwin::recording::{Recording, Signals};
+use deltatwin::scenario::DesiredMotion;
 use deltatwin::twin::origin::note;
 use deltatwin::twin::{Event, Frame, Options, Report};
 use deltatwin_io::file::WriteError;
 
-/// Writes the frames of `report` as an `.rrd` file, with curves of the recorded signals and of the strut loads.
-///
-/// # Errors
-/// As for [`write_rrd`].
-pub fn write(
-    path: &Path,
-    plant: &Plant,
-    options: &Options,
-    recording: &Recording,
-    report: &Report,
-) -> Result<(), WriteError> {
-    let mut scene = scene(plant, options, &report.frames, &report.events);
-    scene.series = measured(recording);
-    scene.series.extend(loads(plant, &report.frames, &recording.signals));
-    write_rrd(path, &recording.name, &scene)
+/// What a run is, besides its frames.
+#[derive(Clone)]
+pub struct Stage {
+    /// The machine.
+    pub plant: Plant,
+    /// Conditions of the run.
+    pub options: Options,
+    /// Motion that the controller wants, which is shown as a ghost.
+    pub desired: Option<DesiredMotion>,
+    /// Meshes of the machine.
+    pub assets: Assets,
 }
 
-/// Scene of frames and events, without curves.
-///
-/// # Panics
-/// If a frame has fewer objects than `options`.
-pub fn scene<'a>(plant: &'a Plant, options: &'a Options, frames: &[Frame], events: &[Event]) -> Scene<'a> {
-    let times = frames.iter().map(|f| f.t).collect();
-    let mut scene = Scene::new(plant.mechanism, &plant.geometry, times, frames.iter().map(|f| f.bodies).collect());
-    scene.loose = Some(frames.iter().map(loose).collect());
-    scene.used = options.clamps.as_ref().map(|clamps| frames.iter().map(|f| used(f, &clamps.hold)).collect());
-    scene.payload = options.payload_shape.clone().map(|p| (p.shape, p.centre));
-    let thing = |(i, object)| Thing { object, poses: frames.iter().map(|f| f.objects[i]).collect() };
-    scene.things = options.objects.iter().enumerate().map(thing).collect();
-    scene.notes = events.iter().map(note).collect();
-    scene
-}
-
-/// Curves of the true loads on struts and sockets that `signals` do not contain.
-pub fn loads(plant: &Plant, frames: &[Frame], signals: &Signals) -> Vec<Series> {
-    if !plant.has(Part::Linkage) {
-        return Vec::new();
+impl Stage {
+    /// Writes the frames of `report` as an `.rrd` file, with curves of the recorded signals and of the strut loads.
+    ///
+    /// # Errors
+    /// As for [`write_rrd`].
+    pub fn write(&self, path: &Path, recording: &Recording, report: &Report) -> Result<(), WriteError> {
+        let mut scene = self.scene(&report.frames, &report.events);
+        scene.series = measured(recording);
+        scene.series.extend(self.loads(&report.frames, &recording.signals));
+        write_rrd(path, &recording.name, &scene)
     }
-    let times: Vec<f64> = frames.iter().map(|f| f.t).collect();
-    let mut series = Vec::new();
-    for s in 0..STRUTS {
-        for (end, sensors) in [&signals.strut_upper, &signals.strut_lower].into_iter().enumerate() {
-            if sensors[s].is_none() {
-                let force = frames.iter().map(|f| f.strut_force[end][s]).collect();
-                series.push(strut_force(s, end, times.clone(), force));
+
+    /// Scene of frames and events, without curves.
+    ///
+    /// # Panics
+    /// If a frame has fewer objects than the options.
+    pub fn scene(&self, frames: &[Frame], events: &[Event]) -> Scene<'_> {
+        let Self { plant, options, .. } = self;
+        let times = frames.iter().map(|f| f.t).collect();
+        let mut scene = Scene::new(plant.mechanism, &plant.geometry, times, frames.iter().map(|f| f.bodies).collect());
+        scene.loose = Some(frames.iter().map(loose).collect());
+        scene.used = options.clamps.as_ref().map(|clamps| frames.iter().map(|f| used(f, &clamps.hold)).collect());
+        scene.payload = options.payload_shape.clone().map(|p| (p.shape, p.centre));
+        let thing = |(i, object)| Thing { object, poses: frames.iter().map(|f| f.objects[i]).collect() };
+        scene.things = options.objects.iter().enumerate().map(thing).collect();
+        scene.notes = events.iter().map(note).collect();
+        scene.ghost = self.desired.as_ref().map(|desired| frames.iter().map(|f| self.wanted(desired, f)).collect());
+        scene.ghost_name = "desired motion".into();
+        scene.contacts = Some(frames.iter().map(touches).collect());
+        scene.assets = Some(&self.assets);
+        scene.text = Some(LEGEND.into());
+        scene
+    }
+
+    /// Poses in the desired motion at the time of a frame; those of the frame where it cannot be reached.
+    fn wanted(&self, desired: &DesiredMotion, frame: &Frame) -> [Isometry3<f64>; BODIES] {
+        let joints = desired.at(frame.t).joints(&self.plant.geometry);
+        let motion = joints.and_then(|joints| self.plant.motion(&joints));
+        motion.map_or(frame.bodies, |motion| motion.shown(self.plant.mechanism))
+    }
+
+    /// Curves of the true loads on struts and sockets that `signals` do not contain.
+    pub fn loads(&self, frames: &[Frame], signals: &Signals) -> Vec<Series> {
+        if !self.plant.has(Part::Linkage) {
+            return Vec::new();
+        }
+        let times: Vec<f64> = frames.iter().map(|f| f.t).collect();
+        let mut series = Vec::new();
+        for s in 0..STRUTS {
+            let known = [&signals.strut_upper, &signals.strut_lower].map(|sensors| sensors[s].is_some());
+            match known {
+                [true, true] => {}
+                [false, false] => {
+                    let forces = frames.iter().map(|f| [f.strut_force[0][s], f.strut_force[1][s]]);
+                    series.push(strut_forces(s, times.clone(), forces));
+                }
+                [upper, _] => {
+                    let end = usize::from(upper);
+                    let force = frames.iter().map(|f| f.strut_force[end][s]).collect();
+                    series.push(strut_force(s, end, times.clone(), force));
+                }
             }
         }
+        if signals.socket_margin.is_none() {
+            let margins: Vec<_> = frames.iter().map(|f| f.socket_margin).collect();
+            series.push(socket_margins(&times, &margins));
+        }
+        series
     }
-    if signals.socket_margin.is_none() {
-        let margins: Vec<_> = frames.iter().map(|f| f.socket_margin).collect();
-        series.extend(socket_margins(&times, &margins));
-    }
-    series
+}
+
+/// What colours, ghost and arrows mean.
+const LEGEND: &str = "**Struts and cups**: load against hold, grey up to a half, yellow at three quarters, red at the \
+    limit; a strut that is off is red. **Ghost** (blue): the desired motion, where the robot is more than 1 mm from it. \
+    **Arrows**: contact forces on the robot, 2 mm per N.\n";
+
+/// Contacts of a frame.
+fn touches(frame: &Frame) -> Vec<Contact> {
+    frame.contacts.iter().map(|touch| Contact { at: touch.at, force: touch.push }).collect()
 }
 
 /// Share of the hold that each socket uses.
@@ -108,7 +153,8 @@ mod tests {
 
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("crash.rrd");
-        write(&path, &plant, &options, &recording, &report).unwrap();
+        let stage = Stage { plant: plant.clone(), options, desired: Some(motion.clone()), assets: Assets::default() };
+        stage.write(&path, &recording, &report).unwrap();
         let bytes = std::fs::read(&path).unwrap();
         assert!(bytes.starts_with(b"RRF2") && bytes.len() > 100_000, "{} bytes", bytes.len());
     }

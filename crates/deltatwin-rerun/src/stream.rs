@@ -1,21 +1,25 @@
 //! Streaming of a run to a viewer while it is simulated.
 //!
-//! Frames pass through a queue of bounded length to a separate thread, which sends all waiting frames as one piece.
-//! With a slow viewer frames are dropped, and the rest is dropped if the viewer disconnects; the run is not affected.
+//! Frames pass through a queue of bounded length to a separate thread, which sends all waiting frames as one piece, at most
+//! as often as a display shows them. With a slow viewer frames are dropped, and the rest is dropped if the viewer
+//! disconnects; the run is not affected.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::scene::{Live, Scene, Viewer, drives};
-use crate::show;
-use deltatwin::dynamics::Plant;
+use crate::show::Stage;
 use deltatwin::recording::Signals;
-use deltatwin::twin::{Event, Frame, Options, Watcher};
+use deltatwin::twin::{Event, Frame, Watcher};
 
 /// Capacity of the queue, frames.
 const QUEUE: usize = 1000;
+/// Time between frames of a stream, s: what a display shows in real time.
+pub const SPACING: f64 = 1.0 / 60.0;
+/// Shortest time between two pieces, s: what it adds to the latency. A piece costs the same for one frame as for ten.
+const PIECE: Duration = Duration::from_millis(25);
 /// Interval at which the thread checks for the end of the run, s.
 const PAUSE: Duration = Duration::from_millis(50);
 /// Time limit for the viewer at the end of a run, s: longer than that of [`Live::finish`].
@@ -32,27 +36,20 @@ pub struct Stream {
 }
 
 impl Stream {
-    /// Opens a stream to `viewer` with a frame every `spacing` s; also returns the watcher of the run.
+    /// Opens a stream called `name` to `viewer`; also returns the watcher of the run.
     ///
     /// # Errors
     /// If no viewer answers or none can be started, or the URL is not valid.
-    pub fn open(
-        viewer: &Viewer,
-        name: &str,
-        plant: &Plant,
-        options: &Options,
-        spacing: f64,
-    ) -> Result<(Self, Watcher), String> {
-        let (plant, options) = (plant.clone(), options.clone());
-        let live = Live::open(viewer, name, &piece(&plant, &options, &[])).map_err(|e| e.to_string())?;
+    pub fn open(viewer: &Viewer, name: &str, stage: Stage) -> Result<(Self, Watcher), String> {
+        let live = Live::open(viewer, name, &piece(&stage, &[])).map_err(|e| e.to_string())?;
         let (queue, waiting) = sync_channel::<Update>(QUEUE);
         let (answer, done) = sync_channel(1);
         let over = Arc::new(AtomicBool::new(false));
         let ended = over.clone();
-        let work = move || forward(live, &plant, &options, &waiting, &ended, &answer);
+        let work = move || forward(live, &stage, &waiting, &ended, &answer);
         std::thread::Builder::new().name("viewer".into()).spawn(work).map_err(|e| e.to_string())?;
         let lost = Arc::new(AtomicUsize::new(0));
-        Ok((Self { done, over, lost: lost.clone() }, watcher(queue, lost, spacing)))
+        Ok((Self { done, over, lost: lost.clone() }, watcher(queue, lost)))
     }
 
     /// Waits until the viewer has received the rest of a completed run; returns a warning if frames were lost.
@@ -72,19 +69,22 @@ impl Stream {
 /// Sends updates until the run is over, then reports whether the viewer has received everything.
 fn forward(
     mut live: Live,
-    plant: &Plant,
-    options: &Options,
+    stage: &Stage,
     waiting: &Receiver<Update>,
     over: &AtomicBool,
     answer: &SyncSender<Result<(), String>>,
 ) {
     let mut sent = Ok(());
+    let mut due = Instant::now();
     loop {
         match waiting.recv_timeout(PAUSE) {
             Ok(first) => {
+                // The first frame waits for the others of its piece.
+                std::thread::sleep(due.saturating_duration_since(Instant::now()));
+                due = Instant::now() + PIECE;
                 let updates: Vec<Update> = std::iter::once(first).chain(waiting.try_iter()).collect();
                 if sent.is_ok() {
-                    sent = live.send(&piece(plant, options, &updates));
+                    sent = live.send(&piece(stage, &updates));
                 }
             }
             Err(RecvTimeoutError::Timeout) if !over.load(Ordering::Relaxed) => {}
@@ -96,35 +96,40 @@ fn forward(
     answer.send(ended).ok();
 }
 
-fn watcher(queue: SyncSender<Update>, lost: Arc<AtomicUsize>, spacing: f64) -> Watcher {
-    Watcher::new(spacing, move |frame: Option<&Frame>, events: &[Event]| {
+fn watcher(queue: SyncSender<Update>, lost: Arc<AtomicUsize>) -> Watcher {
+    Watcher::new(SPACING, move |frame: Option<&Frame>, events: &[Event]| {
         if queue.try_send((frame.cloned(), events.to_vec())).is_err() {
             lost.fetch_add(1, Ordering::Relaxed);
         }
     })
 }
 
-fn piece<'a>(plant: &'a Plant, options: &'a Options, updates: &[Update]) -> Scene<'a> {
+fn piece<'a>(stage: &'a Stage, updates: &[Update]) -> Scene<'a> {
     let frames: Vec<Frame> = updates.iter().filter_map(|(frame, _)| frame.clone()).collect();
     let events: Vec<Event> = updates.iter().flat_map(|(_, events)| events.clone()).collect();
-    let mut scene = show::scene(plant, options, &frames, &events);
-    scene.series = drives(plant.mechanism, &scene.times, |k| {
+    let mut scene = stage.scene(&frames, &events);
+    scene.series = drives(stage.plant.mechanism, &scene.times, |k| {
         (frames.iter().map(|f| f.tau[k]).collect(), frames.iter().map(|f| f.q[k]).collect())
     });
-    scene.series.extend(show::loads(plant, &frames, &Signals::default()));
+    scene.series.extend(stage.loads(&frames, &Signals::default()));
     scene.eventful = true;
     scene
 }
 
 #[cfg(test)]
 mod tests {
+    use std::net::TcpListener;
+
     use nalgebra::Isometry3;
 
     use super::*;
+    use crate::scene::Assets;
+    use deltatwin::dynamics::Plant;
     use deltatwin::kinematics::SocketSet;
     use deltatwin::kinematics::motion::SOCKETS;
     use deltatwin::machine::bodies::BODIES;
-    use deltatwin::machine::{AXES, STRUTS};
+    use deltatwin::machine::{AXES, STRUTS, Setup};
+    use deltatwin::twin::Options;
 
     fn frame(t: f64) -> Frame {
         Frame {
@@ -136,6 +141,7 @@ mod tests {
             closed: SocketSet::ALL,
             strut_force: [[0.0; STRUTS]; 2],
             socket_margin: [0.0; SOCKETS],
+            contacts: Vec::new(),
         }
     }
 
@@ -143,12 +149,41 @@ mod tests {
     fn a_viewer_that_takes_nothing_costs_frames_and_no_time() {
         let (queue, waiting) = sync_channel(3);
         let lost = Arc::new(AtomicUsize::new(0));
-        let watcher = watcher(queue, lost.clone(), 0.01);
+        let watcher = watcher(queue, lost.clone());
         (0..10).for_each(|k| watcher.see(Some(&frame(0.01 * f64::from(k))), &[]));
         assert_eq!((waiting.try_iter().count(), lost.load(Ordering::Relaxed)), (3, 7));
         drop(waiting);
         watcher.see(Some(&frame(1.0)), &[]);
         assert_eq!(lost.load(Ordering::Relaxed), 8);
+    }
+
+    /// A viewer that takes the connection and closes it, and one that never says anything.
+    #[test]
+    fn a_viewer_that_goes_away_does_not_stop_the_run() {
+        for stays in [false, true] {
+            let server = TcpListener::bind("127.0.0.1:0").unwrap();
+            let url = format!("rerun+http://{}/proxy", server.local_addr().unwrap());
+            std::thread::spawn(move || {
+                let mut held = Vec::new();
+                for stream in server.incoming().take(3) {
+                    if stays {
+                        held.push(stream);
+                    }
+                }
+                std::thread::sleep(Duration::from_secs(20));
+            });
+            let model = deltatwin_io::model::read(std::path::Path::new("../../models/irb360-6-1600.toml")).unwrap();
+            let plant = Plant::new(&model, &Setup::default());
+            let stage = Stage { plant, options: Options::default(), desired: None, assets: Assets::default() };
+            let (stream, watcher) = Stream::open(&Viewer::Connect(url), "gone", stage).unwrap();
+            let begun = Instant::now();
+            for k in 0..5000 {
+                watcher.see(Some(&frame(SPACING * f64::from(k))), &[]);
+            }
+            assert!(begun.elapsed() < Duration::from_secs(1), "{stays}: {:?}", begun.elapsed());
+            assert!(stream.finish().is_some_and(|problem| problem.contains("has not got everything")), "{stays}");
+            assert!(begun.elapsed() < PATIENCE + Duration::from_secs(2), "{stays}: {:?}", begun.elapsed());
+        }
     }
 
     #[test]

@@ -6,12 +6,13 @@
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use crate::replay::LEGEND;
-use crate::scene::{Level, Live, Note, Scene, Series, Viewer, drives, socket_margins};
+use crate::scene::{Assets, Level, Live, Note, Scene, Series, Viewer, drives, socket_margins};
 use deltatwin::dynamics::Plant;
 use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::machine::{AXES, Setup, Unit};
 use deltatwin::model::Model;
 use deltatwin::monitoring::Observation;
+use deltatwin_io::outside::Access;
 
 /// Number of windows that wait.
 const QUEUE: usize = 10;
@@ -38,7 +39,8 @@ impl Broadcast {
     /// # Errors
     /// If no viewer answers or none can be started.
     pub fn open(viewer: &Viewer, model: &Model, setup: &Setup) -> Result<Self, String> {
-        let shown = Shown { plant: Plant::new(model, setup), hold: model.sockets.dislocation_force };
+        let assets = Assets::of(model, Access::PROJECT).map_err(|e| format!("{e:#}"))?;
+        let shown = Shown { plant: Plant::new(model, setup), hold: model.sockets.dislocation_force, assets };
         let live = Live::open(viewer, "watch", &shown.layout(&model.name)).map_err(|e| e.to_string())?;
         let (queue, waiting) = sync_channel(QUEUE);
         let name = model.name.clone();
@@ -64,6 +66,7 @@ impl Broadcast {
 struct Shown {
     plant: Plant,
     hold: f64,
+    assets: Assets,
 }
 
 impl Shown {
@@ -91,6 +94,7 @@ impl Shown {
         scene.series.push(level(Vec::new(), Vec::new()));
         scene.series.extend(drives(self.plant.mechanism, &[], |_| (Vec::new(), Vec::new())));
         scene.eventful = true;
+        scene.assets = Some(&self.assets);
         scene.text = Some(format!("### {name}, live\n{LEGEND}"));
         scene
     }
@@ -102,7 +106,7 @@ impl Shown {
         for i in 0..self.plant.mechanism.axes() {
             let mut add = |name: &str, values: Vec<f64>, color, label: &str| {
                 let path = format!("residual/axis{}/{name}", i + 1);
-                series.push(Series { path, times: times.to_vec(), values, color, label: format!("{label} [{unit}]") });
+                series.push(Series::new(path, times.to_vec(), values, color, format!("{label} [{unit}]")));
             };
             add("mean", means[i].clone(), MEAN, "mean over a frame");
             let band = healthy.get(i).copied().unwrap_or(0.0);
@@ -133,6 +137,7 @@ impl Shown {
             (0..axes).map(|i| frames.iter().map(|&k| mean(&window.residual[i], k)).collect()).collect();
         let mut scene = Scene::new(self.plant.mechanism, &self.plant.geometry, times.clone(), poses);
         scene.eventful = true;
+        scene.assets = Some(&self.assets);
         scene.text = Some(format!("### {name}, live\n{LEGEND}"));
         scene.series = self.curves(&times, &means, healthy);
         if let Some((_, value)) = observation.level {
@@ -148,7 +153,7 @@ impl Shown {
         };
         scene.residual = Some((0..frames.len()).map(|f| std::array::from_fn(|i| sigma(f, i))).collect());
         if let Some(loads) = &window.loads {
-            scene.series.extend(socket_margins(&[window.t[1]], &[loads.margin]));
+            scene.series.push(socket_margins(&[window.t[1]], &[loads.margin]));
             let used: [f64; SOCKETS] = loads.margin.map(|m| if self.hold > 0.0 { 1.0 - m / self.hold } else { 0.0 });
             scene.used = Some(vec![used; frames.len()]);
         }
@@ -158,5 +163,5 @@ impl Shown {
 
 /// Curve of the level of the alarm.
 fn level(times: Vec<f64>, values: Vec<f64>) -> Series {
-    Series { path: "level/alarm/level".into(), times, values, color: ALARM, label: "level, alarm above 1".into() }
+    Series::new("level/alarm/level".into(), times, values, ALARM, "level, alarm above 1".into())
 }

@@ -25,17 +25,22 @@
   let own = "";
   function say(text) { own = text; $("message").textContent = text; $("message").hidden = !text; }
 
-  // The server tells every change; a lost connection is made again by the browser.
+  // The server tells every change; a lost connection is made again by the browser. A window that nobody sees gives its
+  // connection back: browsers open few of them to one server, and the others need theirs.
+  let events = null;
   function listen() {
-    const events = new EventSource(`/api/events?token=${encodeURIComponent(token)}`);
+    events?.close();
+    if (document.hidden) { events = null; return; }
+    const own = events = new EventSource(`/api/events?token=${encodeURIComponent(token)}`);
     events.onmessage = event => { if (lost) { lost = false; say(""); } render(JSON.parse(event.data)); };
     events.onerror = () => {
       lost = true;
       say("The server does not answer. Start `deltatwin studio` on the same folder again; nothing is lost.");
       // After an answer that is no stream the browser gives up.
-      if (events.readyState === EventSource.CLOSED) setTimeout(listen, 1500);
+      if (own === events && own.readyState === EventSource.CLOSED) setTimeout(listen, 1500);
     };
   }
+  document.addEventListener("visibilitychange", listen);
   let lost = false;
 
   // ---- frame ---------------------------------------------------------------------------------------------------------
@@ -50,6 +55,7 @@
       $("job-text").textContent = `${stage}${what ? ": " + what : ""}, ${passed.toFixed(0)} s` + (left !== null ? `, about ${Math.max(1, left).toFixed(0)} s left` : "");
       $("job-bar").value = fraction;
     }
+    viewer.update(before);
     if (!before || before.revision !== next.revision) {
       if (next.message) say(next.message); else if (!lost) say("");
       steps();
@@ -145,6 +151,54 @@
     $("undo").disabled = busy() || current() === null || state.session.versions[current()].parent === null;
   }
 
+  // ---- Rerun beside --------------------------------------------------------------------------------------------------
+
+  // The viewer in a frame of its own; the cursors of charts and viewer follow each other.
+  const viewer = {
+    serial: 0, wanted: false,
+    open() {
+      this.wanted = true;
+      // What was shown before is made anew.
+      this.serial = state.shown ? state.shown.serial : 0;
+      act({ do: "view" });
+    },
+    close() {
+      this.wanted = false;
+      this.serial = 0;
+      $("viewer").replaceChildren();
+      $("viewer").hidden = true;
+      $("look").setAttribute("aria-expanded", false);
+    },
+    // Shows the file that the server has written since; a new model is shown, too.
+    update(before) {
+      $("look").hidden = !state.viewer || !state.session.recordings.length || current() === null;
+      if (!this.wanted) return;
+      const { shown } = state;
+      const changed = before && before.session.current !== state.session.current && state.session.current !== null;
+      if (changed && shown && shown.version !== current() && !busy() && !follow.length) act({ do: "view" });
+      if (!shown || shown.serial === this.serial) return;
+      this.serial = shown.serial;
+      const box = $("viewer");
+      box.replaceChildren();
+      box.hidden = false;
+      $("look").setAttribute("aria-expanded", true);
+      const details = element(box, "details");
+      element(details, "summary", {}, `${shown.recording} with ${state.session.versions[shown.version].what}; in a window of its own:`);
+      for (const text of shown.commands) command(details, text);
+      const renderer = new URLSearchParams(location.search).get("renderer");
+      const theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+      const more = renderer ? `&renderer=${encodeURIComponent(renderer)}` : "";
+      this.frame = element(box, "iframe", { title: "Rerun viewer", src: `/viewer?token=${token}&theme=${theme}&serial=${shown.serial}${more}` });
+    },
+  };
+  $("look").onclick = () => viewer.wanted ? viewer.close() : viewer.open();
+  addEventListener("message", event => {
+    if (event.origin !== location.origin || event.source !== viewer.frame?.contentWindow) return;
+    if (event.data.failed) say(event.data.failed);
+    if (isFinite(event.data.time)) for (const chart of deltatwin.living()) chart.mark?.(event.data.time);
+  });
+  addEventListener("deltatwin-time", event => viewer.frame?.contentWindow?.postMessage({ time: event.detail }, location.origin));
+
   // ---- panels --------------------------------------------------------------------------------------------------------
 
   // Only what has changed is drawn again, so that an open window or a half-typed number stays.
@@ -197,9 +251,11 @@
     data(box) {
       const s = state.session;
       const drop = element(box, "div", { class: "drop" });
-      element(drop, "div", {}, "Drop recordings (CSV, text tables, MCAP, ROS 2 bags in one file), a model (.toml) and setups (.setup.toml) here");
+      element(drop, "div", {}, "Drop recordings (CSV, text tables, MCAP, SQLite or folders of ROS 2 bags), a model (.toml) and setups (.setup.toml) here");
       const input = element(drop, "input", { type: "file", multiple: "", "aria-label": "files" });
-      input.onchange = () => upload([...input.files]);
+      input.onchange = () => upload([...input.files].map(file => ({ path: file.name, file })));
+      const folder = element(element(drop, "label", { class: "small" }, "or a folder "), "input", { type: "file", webkitdirectory: "", "aria-label": "folder" });
+      folder.onchange = () => upload([...folder.files].map(file => ({ path: file.webkitRelativePath, file })));
       element(box, "h3", {}, "Recordings");
       if (!s.recordings.length) element(box, "p", { class: "small" }, "none yet");
       s.recordings.forEach((r, k) => {
@@ -442,13 +498,25 @@
 
   // ---- files ---------------------------------------------------------------------------------------------------------
 
-  async function upload(files) {
-    const failed = [];
+  const METADATA = "metadata.yaml";
+
+  // Sends files with their paths; those of a folder with the metadata of a bag are one recording.
+  async function upload(all) {
+    const failed = [], folder = path => path.slice(0, Math.max(0, path.lastIndexOf("/"))), last = path => path.slice(path.lastIndexOf("/") + 1);
+    const bags = new Map();
+    for (const { path } of all) if (last(path) === METADATA && folder(path)) bags.set(folder(path), []);
+    const single = [];
+    for (const one of all) (bags.get(folder(one.path)) || single).push(one);
     // Setups belong to recordings that come after them.
-    files.sort((a, b) => b.name.endsWith(".toml") - a.name.endsWith(".toml"));
-    for (const file of files) {
-      try { render(await ask(`/api/file?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file })); }
-      catch (error) { failed.push(error.message); }
+    single.sort((a, b) => b.path.endsWith(".toml") - a.path.endsWith(".toml"));
+    const send = async (address, body) => {
+      try { render(await ask(address, { method: "POST", body })); } catch (error) { failed.push(error.message); }
+    };
+    for (const { path, file } of single) await send(`/api/file?name=${encodeURIComponent(last(path))}`, file);
+    for (const [name, files] of bags) {
+      const parts = files.filter(({ path }) => /(\.mcap|\.db3)$/i.test(path) || last(path) === METADATA);
+      const sizes = JSON.stringify(parts.map(({ path, file }) => [last(path), file.size]));
+      await send(`/api/bag?name=${encodeURIComponent(last(name))}&parts=${encodeURIComponent(sizes)}`, new Blob(parts.map(({ file }) => file)));
     }
     if (failed.length) say(failed.join("\n"));
   }
@@ -459,11 +527,11 @@
       if (step !== "data") go("data");
       const entries = [...e.dataTransfer.items].map(item => item.webkitGetAsEntry?.()).filter(entry => entry);
       if (entries.some(entry => entry.isDirectory)) inFolders(entries).then(upload, error => say(String(error)));
-      else upload([...e.dataTransfer.files]);
+      else upload([...e.dataTransfer.files].map(file => ({ path: file.name, file })));
     }
   });
 
-  // The files of dropped folders, such as a bag's: its parts are recordings of their own, what describes them is not needed.
+  // The files of dropped folders with their paths.
   async function inFolders(entries) {
     const files = [];
     for (const entry of entries) {
@@ -474,9 +542,12 @@
           if (!some.length) break;
           files.push(...await inFolders(some));
         }
-      } else files.push(await new Promise((done, failed) => entry.file(done, failed)));
+      } else {
+        const file = await new Promise((done, failed) => entry.file(done, failed));
+        files.push({ path: entry.fullPath.replace(/^\//, ""), file });
+      }
     }
-    return files.filter(file => !/^metadata\.yaml$/.test(file.name));
+    return files;
   }
 
   $("cancel").onclick = () => act({ do: "cancel" });

@@ -1,7 +1,7 @@
 //! The server: who may ask, what is answered.
 
 use std::io::{Read, Write};
-use std::net::{Ipv4Addr, SocketAddr};
+use std::net::TcpStream;
 use std::path::{Component, Path};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,13 +10,13 @@ use std::time::{Duration, Instant};
 use deltatwin_report::html;
 use miette::miette;
 use serde_json::{Value, json};
-use tiny_http::{Header, Method, Request, Response, StatusCode};
 
+use crate::server::{Answer, Listener, Reply, Request};
 use crate::studio::Studio;
 use crate::view;
+#[cfg(feature = "viewer")]
+use crate::viewer;
 
-/// Number of requests that are answered at the same time.
-const THREADS: usize = 4;
 /// Largest size of a request that is no file, bytes.
 const LARGEST: u64 = 1 << 20;
 
@@ -32,125 +32,120 @@ const STYLE: &str = include_str!("../assets/studio.css");
 
 /// What may be loaded and run by the studio's page: its own scripts from this server, and nothing else.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; connect-src 'self'; \
-     img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+     img-src 'self' data:; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 /// A server on this machine.
 pub struct Server {
-    http: Arc<tiny_http::Server>,
-    studio: Arc<Studio>,
-    token: String,
-    address: SocketAddr,
-    stopped: Arc<AtomicBool>,
+    listener: Listener,
+    desk: Arc<Desk>,
 }
 
-type Answer = Response<Box<dyn Read + Send>>;
+/// What answers requests.
+struct Desk {
+    studio: Arc<Studio>,
+    token: String,
+    /// The names of this machine with the port.
+    hosts: [String; 2],
+    stopped: Arc<AtomicBool>,
+}
 
 /// Server of `studio` on 127.0.0.1 and `port`, or a free port for 0.
 ///
 /// # Errors
 /// If the port is in use, or the system has no random numbers.
 pub fn serve(studio: Studio, port: u16) -> miette::Result<Server> {
-    let http = tiny_http::Server::http((Ipv4Addr::LOCALHOST, port)).map_err(|e| miette!("127.0.0.1:{port}: {e}"))?;
-    let address = http.server_addr().to_ip().ok_or_else(|| miette!("the server has no address"))?;
+    let listener = Listener::open(port).map_err(|e| miette!("127.0.0.1:{port}: {e}"))?;
     let mut bytes = [0; 16];
     getrandom::fill(&mut bytes).map_err(|e| miette!("no random number: {e}"))?;
     let token = bytes.iter().map(|b| format!("{b:02x}")).collect();
-    Ok(Server { http: Arc::new(http), studio: Arc::new(studio), token, address, stopped: Arc::default() })
+    let hosts = ["127.0.0.1", "localhost"].map(|name| format!("{name}:{}", listener.address.port()));
+    Ok(Server { listener, desk: Arc::new(Desk { studio: Arc::new(studio), token, hosts, stopped: Arc::default() }) })
 }
 
 impl Server {
     /// Address for a browser, with the token.
     pub fn url(&self) -> String {
-        format!("http://{}/?token={}", self.address, self.token)
+        format!("http://{}/?token={}", self.listener.address, self.desk.token)
     }
 
     /// Answers requests until [`Self::stop`].
     pub fn run(&self) {
-        std::thread::scope(|scope| {
-            for _ in 0..THREADS {
-                scope.spawn(|| {
-                    while let Ok(request) = self.http.recv() {
-                        self.answer(request);
-                    }
-                });
-            }
-        });
+        let desk = self.desk.clone();
+        self.listener.run(move |request| desk.reply(request));
     }
 
-    /// Ends [`Self::run`] once the requests that came are answered.
+    /// Ends [`Self::run`].
     pub fn stop(&self) {
-        self.stopped.store(true, Ordering::Relaxed);
-        (0..THREADS).for_each(|_| self.http.unblock());
+        self.desk.stopped.store(true, Ordering::Relaxed);
+        self.listener.stop();
     }
+}
 
-    fn answer(&self, mut request: Request) {
-        if request.url().starts_with("/api/events?") && self.may_listen(&request) {
-            return self.listen(request);
+impl Desk {
+    fn reply(&self, request: &mut Request) -> Reply {
+        if request.url.starts_with("/api/events?") && self.may_listen(request) {
+            let (studio, stopped) = (self.studio.clone(), self.stopped.clone());
+            // The window's going ends it.
+            return Reply::Stream(Box::new(move |out| drop(events(out, &studio, &stopped))));
         }
-        let answer = self.route(&mut request);
-        // A window that has gone needs no answer.
-        let _ = request.respond(answer);
+        Reply::Answer(self.route(request))
     }
 
     fn route(&self, request: &mut Request) -> Answer {
-        let url = request.url().to_string();
+        let url = request.url.clone();
         let (path, query) = url.split_once('?').unwrap_or((&url, ""));
         if !self.is_local(request) {
             return refusal(403, "expected the address 127.0.0.1");
         }
-        match (request.method(), path) {
-            (Method::Get, "/studio.js") => text(SCRIPT, "text/javascript"),
-            (Method::Get, "/uplot.js") => text(html::UPLOT, "text/javascript"),
-            (Method::Get, "/page.js") => text(html::PAGE, "text/javascript"),
-            (Method::Get, "/studio.css") => text(&[html::CSS, html::CURVES_CSS, STYLE].concat(), "text/css"),
-            (Method::Get, "/favicon.ico") => refusal(404, "there is none"),
+        match (request.method.as_str(), path) {
+            ("GET", "/studio.js") => text(SCRIPT, "text/javascript"),
+            ("GET", "/uplot.js") => text(html::UPLOT, "text/javascript"),
+            ("GET", "/page.js") => text(html::PAGE, "text/javascript"),
+            ("GET", "/studio.css") => text(&[html::CSS, html::CURVES_CSS, STYLE].concat(), "text/css"),
+            ("GET", "/favicon.ico") => refusal(404, "there is none"),
+            #[cfg(feature = "viewer")]
+            ("GET", asset) if viewer::is_asset(asset) => viewer::asset(asset),
             _ if !self.knows_token(request, query) => {
                 refusal(403, "expected the token; open the address that `deltatwin studio` has printed")
             }
-            (Method::Get, "/") => text(PAGE, "text/html"),
-            (Method::Get, "/api/state") => answer(Ok(view::state(&self.studio))),
-            (Method::Get, "/api/formula") => {
+            ("GET", "/") => text(PAGE, "text/html"),
+            #[cfg(feature = "viewer")]
+            ("GET", "/viewer") => viewer::page(),
+            #[cfg(feature = "viewer")]
+            ("GET", "/api/rrd") => viewer::file(self.studio.folder()),
+            ("GET", "/api/state") => answer(Ok(view::state(&self.studio))),
+            ("GET", "/api/formula") => {
                 answer(Ok(view::formula(&self.studio, &parameter(query, "at"), &parameter(query, "law"))))
             }
-            (Method::Get, "/api/columns") => answer(view::columns(&self.studio, number(query, "recording"))),
-            (Method::Get, "/api/difference") => answer(view::difference(&self.studio, number(query, "version"))),
-            (Method::Get, "/api/stage") => self.stage(&parameter(query, "name")),
-            (Method::Get, "/api/file") => self.file(&parameter(query, "name")),
-            (Method::Post, "/api/do") => answer(self.act(request)),
-            (Method::Post, "/api/file") => answer(self.upload(request, &parameter(query, "name"))),
+            ("GET", "/api/columns") => answer(view::columns(&self.studio, number(query, "recording"))),
+            ("GET", "/api/difference") => answer(view::difference(&self.studio, number(query, "version"))),
+            ("GET", "/api/stage") => self.stage(&parameter(query, "name")),
+            ("GET", "/api/file") => self.file(&parameter(query, "name")),
+            ("POST", "/api/do") => answer(self.act(request)),
+            ("POST", "/api/file") => answer(self.upload(request, &parameter(query, "name"))),
+            ("POST", "/api/bag") => answer(self.upload_bag(request, query)),
             _ => refusal(404, "there is nothing here"),
         }
     }
 
     /// Whether a request for events comes from this machine with the token, and there is room for one more.
     fn may_listen(&self, request: &Request) -> bool {
-        let query = request.url().split_once('?').map_or("", |(_, query)| query);
+        let query = request.url.split_once('?').map_or("", |(_, query)| query);
         self.is_local(request) && self.knows_token(request, query) && Arc::strong_count(&self.studio) < MOST_WINDOWS
-    }
-
-    /// Sends the state to a window whenever it has changed, on a thread of its own, until the window goes or the server
-    /// stops.
-    fn listen(&self, request: Request) {
-        let (studio, stopped) = (self.studio.clone(), self.stopped.clone());
-        std::thread::spawn(move || {
-            // The window's going ends it.
-            let _ = events(request.into_writer(), &studio, &stopped);
-        });
     }
 
     /// Whether the request names this machine: a name that another page has made to point here is not answered.
     fn is_local(&self, request: &Request) -> bool {
-        let hosts = [format!("127.0.0.1:{}", self.address.port()), format!("localhost:{}", self.address.port())];
-        header(request, "host").is_some_and(|h| hosts.contains(&h))
+        request.field("host").is_some_and(|host| self.hosts.iter().any(|own| own == host))
     }
 
     fn knows_token(&self, request: &Request, query: &str) -> bool {
-        header(request, "x-token").is_some_and(|t| t == self.token) || parameter(query, "token") == self.token
+        request.field("x-token").is_some_and(|t| t == self.token) || parameter(query, "token") == self.token
     }
 
     fn act(&self, request: &mut Request) -> miette::Result<Value> {
         let mut body = String::new();
-        let read = request.as_reader().take(LARGEST + 1).read_to_string(&mut body);
+        let read = request.body().take(LARGEST + 1).read_to_string(&mut body);
         if read.is_err() || body.len() as u64 > LARGEST {
             return Err(miette!("the request is no text or too long"));
         }
@@ -160,10 +155,18 @@ impl Server {
     }
 
     fn upload(&self, request: &mut Request, name: &str) -> miette::Result<Value> {
-        if request.body_length().is_some_and(|n| n as u64 > crate::MOST_BYTES) {
+        if request.length > crate::MOST_BYTES {
             return Err(miette!("{}: larger than {} MB", crate::safe_name(name), crate::MOST_BYTES >> 20));
         }
-        self.studio.take(name, request.as_reader())?;
+        self.studio.take(name, request.body())?;
+        Ok(view::state(&self.studio))
+    }
+
+    /// The files of a bag, one after the other, with their names and sizes in the address.
+    fn upload_bag(&self, request: &mut Request, query: &str) -> miette::Result<Value> {
+        let parts: Vec<(String, u64)> =
+            serde_json::from_str(&parameter(query, "parts")).map_err(|e| miette!("the parts of the bag: {e}"))?;
+        self.studio.take_bag(&parameter(query, "name"), &parts, request.body())?;
         Ok(view::state(&self.studio))
     }
 
@@ -190,10 +193,9 @@ impl Server {
             (true, Some(content)) => {
                 let page = name.ends_with(".html");
                 let kind = if page { "text/html" } else { "application/octet-stream" };
-                let mut response =
-                    Response::from_data(content).with_header(field("Content-Type", &format!("{kind}; charset=utf-8")));
-                response.add_header(field("X-Content-Type-Options", "nosniff"));
-                response.boxed()
+                Answer::of(200, content)
+                    .with("Content-Type", &format!("{kind}; charset=utf-8"))
+                    .with("X-Content-Type-Options", "nosniff")
             }
             _ => refusal(404, "there is no such file"),
         }
@@ -201,7 +203,7 @@ impl Server {
 }
 
 /// Writes the state as an event whenever it has changed.
-fn events(mut out: Box<dyn Write + Send>, studio: &Studio, stopped: &AtomicBool) -> std::io::Result<()> {
+fn events(mut out: TcpStream, studio: &Studio, stopped: &AtomicBool) -> std::io::Result<()> {
     write!(
         out,
         "HTTP/1.1 200 OK\r\nContent-Type: text/event-stream; charset=utf-8\r\nCache-Control: no-store\r\n\
@@ -257,27 +259,18 @@ fn decoded(text: &str) -> String {
     String::from_utf8_lossy(&bytes).into_owned()
 }
 
-fn header(request: &Request, name: &'static str) -> Option<String> {
-    let found = request.headers().iter().find(|h| h.field.equiv(name));
-    found.map(|h| h.value.as_str().to_string())
-}
-
-fn field(name: &str, value: &str) -> Header {
-    Header::from_bytes(name.as_bytes(), value.as_bytes()).expect("a header of ASCII")
-}
-
 fn text(content: &str, kind: &str) -> Answer {
-    let mut response = Response::from_data(content.as_bytes().to_vec())
-        .with_header(field("Content-Type", &format!("{kind}; charset=utf-8")));
-    for (name, value) in [
-        ("Content-Security-Policy", POLICY),
-        ("X-Content-Type-Options", "nosniff"),
-        ("Referrer-Policy", "no-referrer"),
-        ("Cache-Control", "no-store"),
-    ] {
-        response.add_header(field(name, value));
-    }
-    response.boxed()
+    within(POLICY, content, kind)
+}
+
+/// A text with the policy `policy`.
+pub(crate) fn within(policy: &str, content: &str, kind: &str) -> Answer {
+    Answer::of(200, content.as_bytes().to_vec())
+        .with("Content-Type", &format!("{kind}; charset=utf-8"))
+        .with("Content-Security-Policy", policy)
+        .with("X-Content-Type-Options", "nosniff")
+        .with("Referrer-Policy", "no-referrer")
+        .with("Cache-Control", "no-store")
 }
 
 /// The value, or `{"error": …}` with the causes.
@@ -286,13 +279,13 @@ fn answer(value: miette::Result<Value>) -> Answer {
         Ok(value) => text(&value.to_string(), "application/json"),
         Err(error) => {
             let causes: Vec<String> = error.chain().map(ToString::to_string).collect();
-            text(&json!({"error": causes.join(": ")}).to_string(), "application/json").with_status_code(StatusCode(400))
+            text(&json!({"error": causes.join(": ")}).to_string(), "application/json").with_status(400)
         }
     }
 }
 
-fn refusal(code: u16, why: &str) -> Answer {
-    text(why, "text/plain").with_status_code(StatusCode(code))
+pub(crate) fn refusal(code: u16, why: &str) -> Answer {
+    text(why, "text/plain").with_status(code)
 }
 
 #[cfg(test)]

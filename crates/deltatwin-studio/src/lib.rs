@@ -6,11 +6,14 @@
 
 mod http;
 mod job;
+mod server;
 mod session;
 mod stage;
 mod studio;
 mod upload;
 mod view;
+#[cfg(feature = "viewer")]
+mod viewer;
 
 pub use http::{Server, serve};
 pub use session::{How, Recording, Session, StageResult, Version};

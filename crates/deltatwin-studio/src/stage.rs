@@ -24,6 +24,7 @@ use crate::session::{Errors, Remedy, Session, StageResult, Version};
 use crate::studio::{Task, line};
 
 /// What a stage has found.
+#[derive(Default)]
 pub(crate) struct Outcome {
     stages: Vec<(&'static str, StageResult, Value, Report)>,
     /// A new model, with its version.

@@ -17,9 +17,12 @@ use crate::stage::{self, Outcome};
 use crate::upload::{self, Kept};
 
 /// Models that come with the program, by the names of their files.
-pub const SHIPPED: [(&str, &str); 6] = [
+pub const SHIPPED: [(&str, &str); 9] = [
     ("irb360-6-1600.toml", include_str!("../../../models/irb360-6-1600.toml")),
     ("irb360-1-1130.toml", include_str!("../../../models/irb360-1-1130.toml")),
+    ("irb360-3-1130.toml", include_str!("../../../models/irb360-3-1130.toml")),
+    ("irb360-8-1130.toml", include_str!("../../../models/irb360-8-1130.toml")),
+    ("irb360-1-1600.toml", include_str!("../../../models/irb360-1-1600.toml")),
     ("irb360-6-1600-disassembled.toml", include_str!("../../../models/irb360-6-1600-disassembled.toml")),
     ("clavel-delta.toml", include_str!("../../../models/clavel-delta.toml")),
     ("linear-delta.toml", include_str!("../../../models/linear-delta.toml")),
@@ -40,7 +43,22 @@ pub(crate) struct Inner {
     pub revision: u64,
     /// What went wrong last; empty if nothing did.
     pub message: String,
+    /// What the viewer shows, once something was asked for.
+    pub shown: Option<Shown>,
     data: Option<Loaded>,
+}
+
+/// What the viewer shows.
+#[derive(Clone, Debug, serde::Serialize)]
+pub(crate) struct Shown {
+    /// Number of the file, so that a window knows when there is another.
+    pub serial: u64,
+    /// The recording.
+    pub recording: String,
+    /// The model.
+    pub version: usize,
+    /// The commands that show the same outside of the studio.
+    pub commands: Vec<String>,
 }
 
 /// Data in memory, with what they depend on.
@@ -74,7 +92,7 @@ impl Studio {
         let folder = folder.canonicalize().into_diagnostic()?;
         let session = Session::read(&folder)?;
         upload::clean(&folder);
-        let inner = Inner { session, job: None, revision: 1, message: String::new(), data: None };
+        let inner = Inner { session, job: None, revision: 1, message: String::new(), shown: None, data: None };
         Ok(Self { folder, inner: Mutex::new(inner) })
     }
 
@@ -105,7 +123,24 @@ impl Studio {
     /// # Errors
     /// As for [`upload::keep`], or if something else is being worked on.
     pub(crate) fn take(&self, name: &str, source: &mut dyn std::io::Read) -> miette::Result<Kept> {
-        let kept = upload::keep(&self.folder, name, source)?;
+        self.add(upload::keep(&self.folder, name, source)?)
+    }
+
+    /// Keeps the files of a bag that came in.
+    ///
+    /// # Errors
+    /// As for [`upload::keep_bag`].
+    pub(crate) fn take_bag(
+        &self,
+        name: &str,
+        parts: &[(String, u64)],
+        source: &mut dyn std::io::Read,
+    ) -> miette::Result<Kept> {
+        self.add(upload::keep_bag(&self.folder, name, parts, source)?)
+    }
+
+    /// Adds a file that was kept to the session.
+    fn add(&self, kept: Kept) -> miette::Result<Kept> {
         self.change(|session| {
             match &kept {
                 Kept::Recording(file) => {
@@ -191,6 +226,11 @@ impl Studio {
                 let laws: Vec<String> = serde_json::from_value(request["laws"].clone()).unwrap_or_default();
                 self.checked()?.start("add", move |task, job| stage::add(task, job, &effect, &laws))
             }
+            #[cfg(feature = "viewer")]
+            "view" => {
+                let (recording, studio) = (index("recording"), self.clone());
+                self.start("view", move |task, _| studio.show(task, recording))
+            }
             "save" => {
                 let session = self.lock().session.clone();
                 crate::view::save(&self.folder, &session)?;
@@ -199,6 +239,17 @@ impl Studio {
             }
             other => Err(miette!("nothing is called `{other}`")),
         }
+    }
+
+    /// Writes the file of the viewer: a recording, the last one that is held out unless another is asked for, with the
+    /// model in use beside the one that it was made from.
+    #[cfg(feature = "viewer")]
+    fn show(&self, task: &Task, recording: Option<usize>) -> miette::Result<Outcome> {
+        let shown = crate::viewer::write(task, recording)?;
+        let mut inner = self.lock();
+        let serial = inner.shown.as_ref().map_or(1, |last| last.serial + 1);
+        inner.shown = Some(Shown { serial, ..shown });
+        Ok(Outcome::default())
     }
 
     /// Itself if nothing is being worked on.

@@ -1,5 +1,6 @@
 //! Files that come in: bounded in size, under harmless names, and kept only if they are recordings, models or setups.
 
+use std::collections::BTreeSet;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -13,6 +14,10 @@ pub const MOST_BYTES: u64 = 512 << 20;
 
 /// Largest number of characters of a name.
 const LONGEST: usize = 80;
+
+/// What makes a folder a bag, and the largest number of its files.
+const METADATA: &str = "metadata.yaml";
+const MOST_PARTS: usize = 1000;
 
 /// Beginning of the names of folders in which files are judged.
 const INCOMING: &str = ".incoming-";
@@ -55,6 +60,35 @@ pub fn keep(folder: &Path, name: &str, source: &mut dyn Read) -> miette::Result<
     let trial_file = trial.join(&safe);
     let kept = receive(&trial_file, &safe, source).and_then(|()| judge(&trial_file, &safe));
     let result = kept.and_then(|found| place_of(folder, place, &safe, &trial_file).map(found));
+    let _ = std::fs::remove_dir_all(&trial);
+    result
+}
+
+/// Keeps the files of a ROS 2 bag in a folder called `name`: their names and sizes in the order in which `source` holds
+/// them one after the other.
+///
+/// # Errors
+/// As for [`keep`]; and if it has no `metadata.yaml`, or names that are not plain or come twice.
+pub fn keep_bag(folder: &Path, name: &str, parts: &[(String, u64)], source: &mut dyn Read) -> miette::Result<Kept> {
+    let safe = safe_name(name);
+    let names: BTreeSet<&str> = parts.iter().map(|(part, _)| part.as_str()).collect();
+    let is_bag = parts.iter().all(|(part, _)| safe_name(part) == *part) && names.len() == parts.len();
+    if !is_bag || !names.contains(METADATA) || parts.len() > MOST_PARTS {
+        return Err(miette!("{safe}: is no bag; expected a folder with {METADATA} and the files it lists"));
+    }
+    if parts.iter().fold(0, |sum: u64, (_, size)| sum.saturating_add(*size)) > MOST_BYTES {
+        return Err(miette!(
+            "{safe}: larger than {} MB; expected a smaller bag, or the command line",
+            MOST_BYTES >> 20
+        ));
+    }
+    let trial = folder.join(format!("{INCOMING}{}", unique()?));
+    let bag = trial.join(&safe);
+    std::fs::create_dir_all(&bag).into_diagnostic()?;
+    let received = parts.iter().try_for_each(|(part, size)| receive(&bag.join(part), part, &mut source.take(*size)));
+    let renamed = |e: recording::ReadError| miette!("{}", e.to_string().replace(&bag.display().to_string(), &safe));
+    let judged = received.and_then(|()| recording::read(&bag, None).map(drop).map_err(renamed));
+    let result = judged.and_then(|()| place_of(folder, "data", &safe, &bag)).map(Kept::Recording);
     let _ = std::fs::remove_dir_all(&trial);
     result
 }
@@ -131,7 +165,10 @@ fn place_of(folder: &Path, place: &str, name: &str, from: &Path) -> miette::Resu
     for k in 1..1000 {
         let tried = if k == 1 { name.to_string() } else { format!("{stem}-{k}{ending}") };
         let target: PathBuf = folder.join(place).join(&tried);
-        if target.exists() && !same(&target, from) {
+        if target.exists() {
+            if same(&target, from) {
+                return Ok(format!("{place}/{tried}"));
+            }
             continue;
         }
         std::fs::rename(from, &target).into_diagnostic()?;
@@ -140,8 +177,15 @@ fn place_of(folder: &Path, place: &str, name: &str, from: &Path) -> miette::Resu
     Err(miette!("{name}: there are too many files of this name"))
 }
 
-/// Whether two files have the same content.
+/// Whether two files, or two folders of files, have the same content.
 fn same(a: &Path, b: &Path) -> bool {
+    if a.is_dir() || b.is_dir() {
+        let names = |folder: &Path| -> Option<BTreeSet<_>> {
+            std::fs::read_dir(folder).ok()?.map(|entry| Some(entry.ok()?.file_name())).collect()
+        };
+        let (own, other) = (names(a), names(b));
+        return own.is_some() && own == other && own.iter().flatten().all(|name| same(&a.join(name), &b.join(name)));
+    }
     let size = |p: &Path| std::fs::metadata(p).map(|m| m.len()).ok();
     size(a) == size(b) && std::fs::read(a).ok() == std::fs::read(b).ok()
 }

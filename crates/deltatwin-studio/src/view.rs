@@ -33,6 +33,8 @@ pub(crate) fn state(studio: &Studio) -> Value {
         "shipped": SHIPPED.iter().map(|(name, _)| name).collect::<Vec<_>>(),
         "effects": REGISTRY.iter().map(|e| e.name()).collect::<Vec<_>>(),
         "folder": studio.folder().display().to_string(),
+        "viewer": cfg!(feature = "viewer"),
+        "shown": inner.shown,
         "saved": studio.folder().join(REPORT).is_file(),
     })
 }

@@ -17,8 +17,8 @@ use crate::machine::bodies::{ARM, BODIES};
 use crate::machine::{
     ARMS, AXES, Actuator, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops,
 };
-use crate::model::Model;
 use crate::model::history::rounded_to;
+use crate::model::{Meshes, Model};
 use crate::numerics::deviation;
 use crate::recording::Recording;
 use crate::text::significant;
@@ -407,6 +407,7 @@ fn empty(name: &str, mechanism: Mechanism, drive: Drive) -> Model {
         sample_time: 0.0,
         effects: Effects::default(),
         history: Vec::new(),
+        meshes: Meshes::default(),
     }
 }
 

@@ -119,7 +119,7 @@ fn write(args: &Args, campaign: &Campaign, findings: &Findings) -> miette::Resul
     #[cfg(feature = "viewer")]
     {
         let path = folder.join("validation.rrd");
-        deltatwin_rerun::replay::write(&path, &campaign.validation, &findings.analysis.identification.fitted.model)?;
+        crate::command::run::replay(&campaign.validation, &findings.analysis).write(&path)?;
         files.push(path);
     }
     Ok(files)

@@ -9,9 +9,15 @@ use crate::data::{Data, DataArgs, positive};
 use crate::terminal::{DONE, catch_interrupt, command, error_bars, interrupted, origin, say, spinner, warn, wrapped};
 use deltatwin::identification::Dataset;
 use deltatwin::model::Model;
+#[cfg(feature = "viewer")]
+use deltatwin::recording::Recording;
 use deltatwin_analysis::run::RunError;
 use deltatwin_analysis::{Analysis, Settings, Step, folder};
 use deltatwin_io::model;
+#[cfg(feature = "viewer")]
+use deltatwin_io::outside::Access;
+#[cfg(feature = "viewer")]
+use deltatwin_rerun::replay::Replay;
 
 /// Check recordings, identify the model, see where it fails, find what is missing and add it: all stages, one folder.
 #[derive(clap::Args, Clone, Debug)]
@@ -78,6 +84,13 @@ pub fn message(step: &Step) -> String {
     format!("{:>3.0} % {}{what}", 100.0 * step.fraction, step.stage)
 }
 
+/// A recording with the identified model, and beside it the one with the effects that were found.
+#[cfg(feature = "viewer")]
+pub fn replay<'a>(recording: &'a Recording, analysis: &'a Analysis) -> Replay<'a> {
+    let beside = (!analysis.diagnosis.effects.is_empty()).then_some(&analysis.diagnosis.model);
+    Replay { recording, model: &analysis.identification.fitted.model, beside, access: Access::PROJECT }
+}
+
 /// Writes the Rerun file of the last recording with the identified model and adds it to `files`, where the program has the
 /// viewer.
 #[cfg(feature = "viewer")]
@@ -92,7 +105,7 @@ fn show(
     let (recording, _) = deltatwin_io::recording::read_as(file, &inputs.reading(Some(model.mechanism)))?;
     let stem = file.file_stem().unwrap_or_default().to_string_lossy();
     let path = folder.join(format!("{stem}.rrd"));
-    deltatwin_rerun::replay::write(&path, &recording, &analysis.identification.fitted.model)?;
+    replay(&recording, analysis).write(&path)?;
     files.push(path);
     Ok(())
 }

@@ -3,9 +3,9 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use deltatwin::dynamics::Plant;
 use deltatwin::twin::Options;
 use deltatwin_rerun::scene::Viewer;
+use deltatwin_rerun::show::Stage;
 use deltatwin_rerun::stream::Stream;
 use deltatwin_rerun::web::WebViewer;
 
@@ -121,10 +121,16 @@ impl LiveView {
         self.view.refuse(problem);
     }
 
-    /// Opens the requested stream of a run with a frame every `spacing` s; without a viewer it prints a warning and
+    /// Opens the requested stream of a run, whose `stage` is made for it; without a viewer it prints a warning and
     /// returns `None`.
-    pub fn open(&self, name: &str, plant: &Plant, options: &mut Options, spacing: f64) -> Option<Stream> {
-        match Stream::open(&self.viewer()?, name, plant, options, spacing) {
+    pub fn open(
+        &self,
+        name: &str,
+        stage: impl FnOnce() -> miette::Result<Stage>,
+        options: &mut Options,
+    ) -> miette::Result<Option<Stream>> {
+        let Some(viewer) = self.viewer() else { return Ok(None) };
+        Ok(match Stream::open(&viewer, name, stage()?) {
             Ok((stream, watcher)) => {
                 options.watcher = Some(watcher);
                 Some(stream)
@@ -133,6 +139,6 @@ impl LiveView {
                 self.refuse(&problem);
                 None
             }
-        }
+        })
     }
 }

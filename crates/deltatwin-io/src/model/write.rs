@@ -12,6 +12,7 @@ use deltatwin::model::{Added, Model, Provenance};
 use miette::{IntoDiagnostic, Result, WrapErr, miette};
 use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
+use super::meshes;
 use super::read::{
     ALWAYS_PRESENT, GROUPS, LONE_BODY, body_group, body_known, body_needed, default_values, drive_shape,
 };
@@ -41,8 +42,14 @@ pub fn write_fitted(model: &Model, path: &Path, provenance: &Provenance) -> Resu
 }
 
 fn write_text(model: &Model, path: &Path, provenance: Option<&Provenance>) -> Result<()> {
-    let text = text(model.source.as_deref().unwrap_or(""), model, provenance)?;
+    let text = text(model.source.as_deref().unwrap_or(""), &placed(model, path), provenance)?;
     replace_text(path, &text).into_diagnostic().wrap_err_with(|| format!("cannot write {}", path.display()))
+}
+
+/// The model as a file at `path` states it.
+fn placed<'m>(model: &'m Model, path: &Path) -> Cow<'m, Model> {
+    let meshes = meshes::seen_from(model, path);
+    if meshes == model.meshes { Cow::Borrowed(model) } else { Cow::Owned(Model { meshes, ..model.clone() }) }
 }
 
 /// `original` with the numbers of `model`: changed values are replaced in place, effects added or removed.
@@ -96,6 +103,10 @@ fn edit(document: &mut DocumentMut, model: &Model, provenance: Option<&Provenanc
             if !telescope || root.contains_key("telescope") {
                 set_plain(root, "telescope", Value::from(telescope));
             }
+            let own = model.link_parameters.each_limb;
+            if own || root.contains_key("limbs") {
+                set_plain(root, "limbs", Value::from(if own { "own" } else { "alike" }));
+            }
             set_plain(root, "assembled", Value::from(model.assembled));
         }
         Mechanism::Axis(Axis { joint, effort }) => {
@@ -116,6 +127,7 @@ fn edit(document: &mut DocumentMut, model: &Model, provenance: Option<&Provenanc
     moved += formula::edit(root, model, provenance)?;
     remove_absent_effects(root, model);
     write_history(root, &model.history, provenance)?;
+    meshes::edit(root, &model.meshes);
     if let Some(provenance) = provenance.filter(|_| moved > 0) {
         write_change(root, moved, provenance);
     }
@@ -189,6 +201,7 @@ fn verify(text: &str, model: &Model) -> Result<()> {
         || again.mechanism != model.mechanism
         || again.name != model.name
         || again.history != model.history
+        || again.meshes.files != model.meshes.files
         || !formula::same(&again, model)
     {
         return Err(miette!("cannot write the model: it reads differently"));

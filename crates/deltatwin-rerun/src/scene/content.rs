@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Vector3};
 
 use super::AXIS;
+use super::assets::Assets;
 use deltatwin::cell::{Object, Shape};
 use deltatwin::machine::bodies::BODIES;
 use deltatwin::machine::{AXES, Geometry, Mechanism, STRUTS, Unit};
@@ -22,6 +23,16 @@ pub struct Scene<'a> {
     /// Torque residual per frame and axis, in standard deviations of the sensor noise; colours arms and telescope from
     /// green (noise) to red (6 σ).
     pub residual: Option<Vec<[f64; AXES]>>,
+    /// Other poses of the robot, one set per frame, that are shown as a ghost where they differ.
+    pub ghost: Option<Vec<[Isometry3<f64>; BODIES]>>,
+    /// What the ghost is, for the legend.
+    pub ghost_name: String,
+    /// What a later model leaves.
+    pub after: Option<After>,
+    /// Contacts, per frame.
+    pub contacts: Option<Vec<Vec<Contact>>>,
+    /// Meshes of the user.
+    pub assets: Option<&'a Assets>,
     /// Share of its hold that each socket uses, per frame: six at the elbows, six at the platform; 1 is the limit.
     pub used: Option<Vec<[f64; 2 * STRUTS]>>,
     /// Struts with an open socket, per frame.
@@ -40,6 +51,23 @@ pub struct Scene<'a> {
     pub text: Option<String>,
 }
 
+/// What a later model leaves, beside the first.
+pub struct After {
+    /// Torque residual like [`Scene::residual`].
+    pub residual: Vec<[f64; AXES]>,
+    /// Poses like [`Scene::ghost`].
+    pub ghost: Option<Vec<[Isometry3<f64>; BODIES]>>,
+}
+
+/// A contact of the robot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contact {
+    /// Place in the inertial frame, m.
+    pub at: Vector3<f64>,
+    /// Force on the robot in the inertial frame, N.
+    pub force: Vector3<f64>,
+}
+
 /// An object with its pose in every frame.
 pub struct Thing<'a> {
     /// The object.
@@ -48,19 +76,33 @@ pub struct Thing<'a> {
     pub poses: Vec<Isometry3<f64>>,
 }
 
-/// A curve over time.
+/// Curves over the same time, which are one entity.
 #[derive(Clone, Debug)]
 pub struct Series {
-    /// Path of tab, plot and curve, e.g. `torque/axis1/measured`.
+    /// Path of tab, plot and curve, e.g. `torque/axis1/measured`, or of tab and plot.
     pub path: String,
     /// Times, s.
     pub times: Vec<f64>,
-    /// Values, one per time.
+    /// Values, as many in a row for each time as there are lines.
     pub values: Vec<f64>,
+    /// The curves.
+    pub lines: Vec<Line>,
+}
+
+/// Look of a curve.
+#[derive(Clone, Debug)]
+pub struct Line {
     /// Red, green, blue.
     pub color: [u8; 3],
     /// Legend with unit, e.g. `measured [N·m]`.
     pub label: String,
+}
+
+impl Series {
+    /// A single curve.
+    pub fn new(path: String, times: Vec<f64>, values: Vec<f64>, color: [u8; 3], label: String) -> Self {
+        Self { path, times, values, lines: vec![Line { color, label }] }
+    }
 }
 
 impl<'a> Scene<'a> {
@@ -77,6 +119,11 @@ impl<'a> Scene<'a> {
             machine,
             geometry,
             residual: None,
+            ghost: None,
+            ghost_name: String::new(),
+            after: None,
+            contacts: None,
+            assets: None,
             used: None,
             loose: None,
             payload: None,
@@ -95,7 +142,9 @@ impl<'a> Scene<'a> {
         let thing = |thing: &Thing<'a>| Thing { object: thing.object, poses: thing.poses[frames.clone()].to_vec() };
         let series = |s: &Series| {
             let range = inside(&s.times);
-            Series { times: s.times[range.clone()].to_vec(), values: s.values[range].to_vec(), ..s.clone() }
+            let width = s.lines.len();
+            let values = s.values[range.start * width..range.end * width].to_vec();
+            Series { path: s.path.clone(), times: s.times[range].to_vec(), values, lines: s.lines.clone() }
         };
         Scene {
             times: self.times[frames.clone()].to_vec(),
@@ -103,6 +152,14 @@ impl<'a> Scene<'a> {
             machine: self.machine,
             geometry: self.geometry,
             residual: self.residual.as_ref().map(|all| all[frames.clone()].to_vec()),
+            ghost: self.ghost.as_ref().map(|all| all[frames.clone()].to_vec()),
+            ghost_name: self.ghost_name.clone(),
+            after: self.after.as_ref().map(|after| After {
+                residual: after.residual[frames.clone()].to_vec(),
+                ghost: after.ghost.as_ref().map(|all| all[frames.clone()].to_vec()),
+            }),
+            contacts: self.contacts.as_ref().map(|all| all[frames.clone()].to_vec()),
+            assets: self.assets,
             used: self.used.as_ref().map(|all| all[frames.clone()].to_vec()),
             loose: self.loose.as_ref().map(|all| all[frames.clone()].to_vec()),
             payload: self.payload.clone(),
@@ -122,10 +179,16 @@ impl<'a> Scene<'a> {
         };
         expect("bodies", self.bodies.len(), frames)?;
         expect("residual", self.residual.as_ref().map_or(frames, Vec::len), frames)?;
+        expect("ghost", self.ghost.as_ref().map_or(frames, Vec::len), frames)?;
+        let after = self.after.as_ref();
+        expect("later residual", after.map_or(frames, |after| after.residual.len()), frames)?;
+        let ghost = after.and_then(|after| after.ghost.as_ref());
+        expect("later ghost", ghost.map_or(frames, Vec::len), frames)?;
+        expect("contacts", self.contacts.as_ref().map_or(frames, Vec::len), frames)?;
         expect("used hold", self.used.as_ref().map_or(frames, Vec::len), frames)?;
         expect("loose struts", self.loose.as_ref().map_or(frames, Vec::len), frames)?;
         self.things.iter().try_for_each(|thing| expect(&thing.object.name, thing.poses.len(), frames))?;
-        self.series.iter().try_for_each(|s| expect(&s.path, s.values.len(), s.times.len()))
+        self.series.iter().try_for_each(|s| expect(&s.path, s.values.len(), s.lines.len() * s.times.len()))
     }
 }
 
@@ -143,7 +206,7 @@ pub fn measured(recording: &Recording) -> Vec<Series> {
         }
     }
     if let Some(margins) = &s.socket_margin {
-        series.extend(socket_margins(&s.t, margins));
+        series.push(socket_margins(&s.t, margins));
     }
     series
 }
@@ -151,8 +214,7 @@ pub fn measured(recording: &Recording) -> Vec<Series> {
 /// Curves of torques and joint angles; `of` returns both for an axis.
 pub fn drives(machine: Mechanism, times: &[f64], of: impl Fn(usize) -> (Vec<f64>, Vec<f64>)) -> Vec<Series> {
     let (torque, angle) = (machine.unit(Unit::NM), machine.unit(Unit::Rad));
-    let curve =
-        |path: String, values, color, label: String| Series { path, times: times.to_vec(), values, color, label };
+    let curve = |path: String, values, color, label: String| Series::new(path, times.to_vec(), values, color, label);
     let mut torques = Vec::new();
     let mut angles = Vec::new();
     for k in 0..machine.axes() {
@@ -170,29 +232,37 @@ pub fn drives(machine: Mechanism, times: &[f64], of: impl Fn(usize) -> (Vec<f64>
 /// # Panics
 /// If `end` is neither 0 nor 1.
 pub fn strut_force(strut: usize, end: usize, times: Vec<f64>, values: Vec<f64>) -> Series {
-    let name = ["upper", "lower"][end];
-    Series {
-        path: format!("struts/strut{}/{name}", strut + 1),
-        times,
-        values,
-        color: shaded(strut / 2, [1.0, 0.6][end]),
-        label: format!("{name} end [N]"),
-    }
+    let name = ENDS[end];
+    let path = format!("struts/strut{}/{name}", strut + 1);
+    Series::new(path, times, values, end_color(strut, end), format!("{name} end [N]"))
+}
+
+/// Names of the ends of a strut: at the elbow, at the platform.
+const ENDS: [&str; 2] = ["upper", "lower"];
+
+fn end_color(strut: usize, end: usize) -> [u8; 3] {
+    shaded(strut / 2, [1.0, 0.6][end])
+}
+
+/// Curves of the axial forces at both ends of strut `strut` (from 0), `forces` at the upper and the lower end per time.
+pub fn strut_forces(strut: usize, times: Vec<f64>, forces: impl Iterator<Item = [f64; 2]>) -> Series {
+    let line = |end: usize| Line { color: end_color(strut, end), label: format!("{} end [N]", ENDS[end]) };
+    let path = format!("struts/strut{}/force", strut + 1);
+    Series { path, times, values: forces.flatten().collect(), lines: vec![line(0), line(1)] }
 }
 
 /// Curves of the margins of the twelve sockets, in one plot.
-pub fn socket_margins(times: &[f64], margins: &[[f64; 2 * STRUTS]]) -> Vec<Series> {
-    let curve = |s: usize| {
-        let (strut, end) = (s % STRUTS, if s < STRUTS { "upper" } else { "lower" });
-        Series {
-            path: format!("sockets/socket_margin/strut{}_{end}", strut + 1),
-            times: times.to_vec(),
-            values: margins.iter().map(|m| m[s]).collect(),
-            color: shaded(strut / 2, 1.0 - 0.2 * (strut % 2) as f64 - 0.4 * (s / STRUTS) as f64),
-            label: format!("strut {} {end} [N]", strut + 1),
+pub fn socket_margins(times: &[f64], margins: &[[f64; 2 * STRUTS]]) -> Series {
+    let line = |s: usize| {
+        let (strut, end) = (s % STRUTS, s / STRUTS);
+        Line {
+            color: shaded(strut / 2, 1.0 - 0.2 * (strut % 2) as f64 - 0.4 * end as f64),
+            label: format!("strut {} {} [N]", strut + 1, ENDS[end]),
         }
     };
-    (0..2 * STRUTS).map(curve).collect()
+    let values = margins.iter().flatten().copied().collect();
+    let lines = (0..2 * STRUTS).map(line).collect();
+    Series { path: "sockets/socket_margin/margins".into(), times: times.to_vec(), values, lines }
 }
 
 fn shaded(limb: usize, shade: f64) -> [u8; 3] {

@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use rerun::RecordingStream;
 
-use super::{APPLICATION, Outcome, Problem, Scene, layout, motion, shapes};
+use super::known::Known;
+use super::{APPLICATION, Outcome, Problem, Scene, layout, motion, shapes, trail};
 
 /// Time limit for an answer of the viewer, s.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -23,6 +24,7 @@ pub enum Viewer {
 pub struct Live {
     rec: RecordingStream,
     staged: bool,
+    known: Known,
 }
 
 impl Live {
@@ -42,7 +44,7 @@ impl Live {
             }
             Viewer::Spawn => builder.spawn()?,
         };
-        Ok(Self { rec, staged: false })
+        Ok(Self { rec, staged: false, known: Known::default() })
     }
 
     /// Sends a piece; the first one is preceded by the shapes of robot and surroundings.
@@ -50,11 +52,13 @@ impl Live {
     /// # Errors
     /// If the stream is closed.
     pub fn send(&mut self, scene: &Scene) -> Outcome {
-        if !self.staged {
+        // A piece without frames does not show whether the robot is assembled.
+        if !self.staged && !scene.times.is_empty() {
             shapes(&self.rec, scene)?;
             self.staged = true;
         }
-        motion(&self.rec, scene)
+        trail::end(&self.rec, scene, &mut self.known)?;
+        motion(&self.rec, scene, &mut self.known)
     }
 
     /// Waits until the viewer has received everything.

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use rerun::archetypes as a;
 
-use super::solids::point;
+use super::point;
 
 /// Number of corners of a circle.
 const ROUND: usize = 24;
@@ -102,6 +102,12 @@ impl Mesh {
         self.corners.extend(other.corners);
         self.normals.extend(other.normals);
         self.triangles.extend(other.triangles.iter().map(|t| t.map(|k| k + first)));
+        self
+    }
+
+    /// This mesh at another place, m.
+    pub fn moved(mut self, by: Vector3<f64>) -> Self {
+        self.corners.iter_mut().for_each(|corner| *corner += by);
         self
     }
 

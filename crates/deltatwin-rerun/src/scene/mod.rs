@@ -1,23 +1,37 @@
 //! Scenes for Rerun, with moving robot, surroundings and signals: as a recording (`.rrd`), or live in a viewer.
 
+mod assets;
+mod base;
+mod contacts;
 mod content;
+mod known;
+mod layout;
 mod live;
 mod mesh;
+mod paint;
+mod robot;
 mod solids;
+mod things;
+mod trail;
 
 use std::io::Write;
 use std::path::Path;
 
-use rerun::blueprint as bp;
+use nalgebra::{Isometry3, Vector3};
 use rerun::components::Color;
-use rerun::external::re_sdk_types::blueprint::components::PanelState;
 use rerun::{RecordingStream, TimeColumn, archetypes as a};
 
-pub use content::{Level, Note, Scene, Series, Thing, drives, measured, socket_margins, strut_force};
+pub use assets::Assets;
+pub use content::{
+    After, Contact, Level, Line, Note, Scene, Series, Thing, drives, measured, socket_margins, strut_force,
+    strut_forces,
+};
 pub use live::{Live, Viewer};
 
 use deltatwin::machine::AXES;
 use deltatwin_io::file::{self, WriteError};
+use known::Known;
+use layout::layout;
 
 /// Name of the timeline (s).
 const TIME: &str = "time";
@@ -54,17 +68,18 @@ fn encode(name: &str, scene: &Scene) -> Result<Vec<u8>, Problem> {
         .enabled(true);
     let (rec, storage) = builder.memory()?;
     shapes(&rec, scene)?;
-    solids::trail(&rec, scene)?;
-    motion(&rec, scene)?;
+    trail::whole(&rec, scene)?;
+    motion(&rec, scene, &mut Known::default())?;
     Ok(storage.drain_as_bytes()?)
 }
 
 /// Logs the static content: robot, surroundings, and the style of the curves.
 fn shapes(rec: &RecordingStream, scene: &Scene) -> Outcome {
     rec.log_static("world", &a::ViewCoordinates::RIGHT_HAND_Z_UP())?;
-    solids::base(rec, scene)?;
-    solids::robot(rec, scene)?;
-    solids::things(rec, scene)?;
+    base::shapes(rec, scene)?;
+    robot::shapes(rec, scene)?;
+    things::things(rec, scene)?;
+    trail::legend(rec, scene)?;
     if let Some(text) = &scene.text {
         rec.log_static(TEXT, &a::TextDocument::from_markdown(text.as_str()))?;
     }
@@ -72,77 +87,32 @@ fn shapes(rec: &RecordingStream, scene: &Scene) -> Outcome {
 }
 
 /// Logs the time-dependent content.
-fn motion(rec: &RecordingStream, scene: &Scene) -> Outcome {
-    solids::robot_motion(rec, scene)?;
-    solids::things_motion(rec, scene)?;
+fn motion(rec: &RecordingStream, scene: &Scene, known: &mut Known) -> Outcome {
+    if !scene.times.is_empty() {
+        robot::poses(rec, scene)?;
+        robot::appearance(rec, scene, known)?;
+        paint::colors(rec, scene, known)?;
+        contacts::arrows(rec, scene, known)?;
+    }
     scene.series.iter().try_for_each(|s| curve(rec, s))?;
     events(rec, &scene.notes)
 }
 
-/// Layout: robot and events on the left; one tab per first part of the curves' paths, in it one plot per second part.
-fn layout(scene: &Scene) -> bp::Blueprint {
-    let mut tabs: Vec<(&str, Vec<&str>)> = Vec::new();
-    for s in &scene.series {
-        let mut parts = s.path.splitn(3, '/');
-        let tab = parts.next().unwrap_or_default();
-        let plot = match (parts.next(), parts.next()) {
-            (Some(plot), Some(_)) => plot,
-            _ => "",
-        };
-        let i = tabs.iter().position(|(name, _)| *name == tab).unwrap_or_else(|| {
-            tabs.push((tab, Vec::new()));
-            tabs.len() - 1
-        });
-        if !tabs[i].1.contains(&plot) {
-            tabs[i].1.push(plot);
-        }
-    }
-    let tabs = tabs.into_iter().map(|(tab, plots)| {
-        let views = plots.into_iter().map(|plot| {
-            let (name, origin) = match plot {
-                "" => (tab.to_string(), format!("/{tab}")),
-                _ => (plot.replace('_', " "), format!("/{tab}/{plot}")),
-            };
-            bp::ContainerLike::from(bp::TimeSeriesView::new(name).with_origin(origin))
-        });
-        bp::Vertical::new(views.collect::<Vec<_>>()).with_name(tab).into()
-    });
-    let tabs: Vec<bp::ContainerLike> = tabs.collect();
-    let mut left = vec![bp::Spatial3DView::new("robot").with_origin("/world").into()];
-    let mut words: Vec<bp::ContainerLike> = Vec::new();
-    if scene.text.is_some() {
-        words.push(bp::TextDocumentView::new(TEXT).with_origin(format!("/{TEXT}")).into());
-    }
-    if scene.eventful || !scene.notes.is_empty() {
-        words.push(bp::TextLogView::new(EVENTS).with_origin(format!("/{EVENTS}")).into());
-    }
-    match words.len() {
-        0 => {}
-        1 => left.append(&mut words),
-        _ => left.push(bp::Tabs::new(words).into()),
-    }
-    let mut parts: Vec<bp::ContainerLike> = vec![bp::Vertical::new(left).with_row_shares(vec![3.0, 1.0]).into()];
-    if !tabs.is_empty() {
-        parts.push(bp::Tabs::new(tabs).into());
-    }
-    bp::Blueprint::new(bp::Horizontal::new(parts))
-        .with_auto_views(false)
-        .with_blueprint_panel(bp::BlueprintPanel::from_state(PanelState::Collapsed))
-        .with_selection_panel(bp::SelectionPanel::from_state(PanelState::Collapsed))
-        .with_time_panel(bp::TimePanel::new().with_timeline(TIME).with_state(PanelState::Collapsed))
-}
-
 fn style(rec: &RecordingStream, s: &Series) -> Outcome {
-    let style =
-        a::SeriesLines::new().with_names([s.label.as_str()]).with_colors([color(s.color)]).with_widths([1.5f32]);
+    let style = a::SeriesLines::new()
+        .with_names(s.lines.iter().map(|line| line.label.as_str()))
+        .with_colors(s.lines.iter().map(|line| color(line.color)))
+        .with_widths(vec![1.5f32; s.lines.len()]);
     rec.log_static(s.path.as_str(), &style)?;
     Ok(())
 }
 
 fn curve(rec: &RecordingStream, s: &Series) -> Outcome {
-    let times = TimeColumn::new_duration_secs(TIME, s.times.iter().copied());
-    let values = a::Scalars::new(s.values.iter().copied()).columns_of_unit_batches()?;
-    rec.send_columns(s.path.as_str(), [times], values)?;
+    if s.times.is_empty() {
+        return Ok(());
+    }
+    let values = a::Scalars::new(s.values.iter().copied()).columns(vec![s.lines.len(); s.times.len()])?;
+    rec.send_columns(s.path.as_str(), [frames(&s.times)], values)?;
     Ok(())
 }
 
@@ -165,6 +135,35 @@ fn events(rec: &RecordingStream, notes: &[Note]) -> Outcome {
 
 fn color([r, g, b]: [u8; 3]) -> Color {
     Color::from_rgb(r, g, b)
+}
+
+fn frames(times: &[f64]) -> TimeColumn {
+    TimeColumn::new_duration_secs(TIME, times.iter().copied())
+}
+
+fn quaternion(pose: &Isometry3<f64>) -> rerun::Quaternion {
+    let [x, y, z, w] = pose.rotation.coords.map(|v| v as f32).into();
+    rerun::Quaternion::from_xyzw([x, y, z, w])
+}
+
+fn point(v: Vector3<f64>) -> [f32; 3] {
+    [v.x as f32, v.y as f32, v.z as f32]
+}
+
+/// Entities of a scene.
+#[cfg(test)]
+fn entities(scene: &Scene) -> std::collections::BTreeSet<String> {
+    use rerun::external::re_log_types::LogMsg;
+    use rerun::log::Chunk;
+    let (rec, storage) = rerun::RecordingStreamBuilder::new(APPLICATION).enabled(true).memory().unwrap();
+    shapes(&rec, scene).unwrap();
+    trail::whole(&rec, scene).unwrap();
+    motion(&rec, scene, &mut Known::default()).unwrap();
+    let of = |message: LogMsg| match message {
+        LogMsg::ArrowMsg(_, arrow) => Some(Chunk::from_arrow_msg(&arrow).unwrap().entity_path().to_string()),
+        _ => None,
+    };
+    storage.take().into_iter().filter_map(of).collect()
 }
 
 #[cfg(test)]
@@ -198,6 +197,31 @@ mod tests {
             arm_limits: [-0.9, 1.9],
             telescope_limits: [0.65, 1.25],
         }
+    }
+
+    /// Ghost and contacts appear where there are any, and a later model has a robot of its own.
+    #[test]
+    fn what_is_compared_has_entities_of_its_own() {
+        let g = geometry();
+        let times = vec![0.0, 0.02];
+        let poses = |phi: f64| vec![lift(&g, phi).poses(), lift(&g, 0.3).poses()];
+        let mut scene = Scene::new(Mechanism::default(), &g, times.clone(), poses(0.3));
+        let has = |scene: &Scene, entity: &str| entities(scene).contains(entity);
+        assert!(!has(&scene, "/world/ghost/arm1") && !has(&scene, "/world/contacts") && !has(&scene, "/world/legend"));
+        scene.residual = Some(vec![[0.0; AXES]; 2]);
+        scene.ghost = Some(poses(0.4));
+        scene.ghost_name = "model".into();
+        scene.after = Some(After { residual: vec![[9.0; AXES]; 2], ghost: None });
+        let contact = Contact { at: Vector3::new(0.0, 0.0, -1.0), force: Vector3::new(0.0, 0.0, 50.0) };
+        scene.contacts = Some(vec![vec![], vec![contact]]);
+        for entity in
+            ["ghost/arm1", "ghost", "contacts", "legend", "after/robot/arm1", "after/path", "robot/springs/pair1_upper"]
+        {
+            assert!(has(&scene, &format!("/world/{entity}")), "{entity}: {:?}", entities(&scene));
+        }
+        assert!(!has(&scene, "/world/ghost/strut1/sockets") && !has(&scene, "/world/after/ghost"));
+        scene.contacts = Some(vec![vec![]]);
+        assert_eq!(scene.check().unwrap_err(), "contacts: 1 values for 2 times");
     }
 
     /// A write to a full disk must return an error; the SDK's file writer blocked in this case.
@@ -244,14 +268,15 @@ mod tests {
         scene.payload = Some((Shape::Sphere { radius: 0.05 }, Vector3::new(0.0, 0.0, -0.05)));
         scene.things = vec![Thing { object: &can, poses: times.iter().map(fall).collect() }];
         scene.notes = vec![Note { t: 1.0, level: Level::Error, text: "dislocation: strut 1 upper".into() }];
-        assert_eq!(scene.series.len(), 21);
-        scene.series.push(Series {
-            path: "torque/axis1/model".into(),
-            times: times.clone(),
-            values: times.iter().map(|t| 8.0 * t.sin()).collect(),
-            color: [120; 3],
-            label: "model [N·m]".into(),
-        });
+        assert_eq!(scene.series.len(), 10);
+        let model = times.iter().map(|t| 8.0 * t.sin()).collect();
+        scene.series.push(Series::new(
+            "torque/axis1/model".into(),
+            times.clone(),
+            model,
+            [120; 3],
+            "model [N·m]".into(),
+        ));
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run.rrd");
         write_rrd(&path, "lift", &scene).unwrap();

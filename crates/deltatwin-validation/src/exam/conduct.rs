@@ -9,7 +9,7 @@ use deltatwin::machine::Mechanism;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin_io::recording;
-use deltatwin_study::campaign::{Campaign as Rows, CampaignError as RowsError, Chunk, Digest, Row, Watch};
+use deltatwin_study::campaign::{BUILD, Campaign as Rows, CampaignError as RowsError, Chunk, Digest, Row, Watch};
 use miette::{IntoDiagnostic, miette};
 use rayon::prelude::*;
 
@@ -71,6 +71,7 @@ impl Exam {
         let rows = Rows {
             folder: folder.into(),
             digest: Digest::of([("exam", planned.as_bytes()), ("model", source.as_bytes())]),
+            build: BUILD.into(),
             headings: experiment::exam_headings(),
             metadata: vec![("exam".into(), planned)],
         };

@@ -1,10 +1,14 @@
 //! A run of a study made again.
 
+#[cfg(feature = "viewer")]
+use deltatwin_io::outside::Access;
 use serde_json::json;
 
 use super::{Args, COMPLETE, command};
 use crate::terminal::{BAD_ANSWER, check_output, path, say, wrapped};
 use deltatwin::text::significant;
+#[cfg(feature = "viewer")]
+use deltatwin_rerun::{scene::Assets, show::Stage};
 use deltatwin_study::conduct::{Conduct, Remade};
 
 /// Makes `run` again, writes what is asked for and prints its verdict.
@@ -22,7 +26,7 @@ pub fn run(args: &Args, conduct: &Conduct, run: u64) -> miette::Result<u8> {
     }
     #[cfg(feature = "viewer")]
     if let Some(file) = &args.rrd {
-        write_rerun(&remade, file)?;
+        write_rerun(&remade, file, args.outside.access())?;
     }
     if args.json {
         as_json(args, conduct, &remade)?
@@ -33,7 +37,7 @@ pub fn run(args: &Args, conduct: &Conduct, run: u64) -> miette::Result<u8> {
 }
 
 #[cfg(feature = "viewer")]
-fn write_rerun(remade: &Remade, file: &std::path::Path) -> miette::Result<()> {
+fn write_rerun(remade: &Remade, file: &std::path::Path, access: Access) -> miette::Result<()> {
     let outcome = &remade.outcome;
     let Some(recording) = &outcome.recording else {
         return Err(miette::miette!(
@@ -41,8 +45,10 @@ fn write_rerun(remade: &Remade, file: &std::path::Path) -> miette::Result<()> {
             file.display()
         ));
     };
-    let plant = deltatwin::dynamics::Plant::new(&remade.case.model, &remade.case.scenario.setup);
-    deltatwin_rerun::show::write(file, &plant, &outcome.options, recording, &outcome.report)?;
+    let (model, setup) = (&remade.case.model, &remade.case.scenario.setup);
+    let plant = deltatwin::dynamics::Plant::new(model, setup);
+    let (options, assets) = (outcome.options.clone(), Assets::of(model, access)?);
+    Stage { plant, options, desired: None, assets }.write(file, recording, &outcome.report)?;
     Ok(())
 }
 

@@ -1,6 +1,6 @@
 //! Bag folders: `metadata.yaml` and the files it lists.
 
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use yaml_rust2::{Yaml, YamlLoader};
 
@@ -61,11 +61,15 @@ fn listed(folder: &Path, metadata: &Path) -> Result<Vec<PathBuf>, ReadError> {
     let Some(paths) = information["relative_file_paths"].as_vec() else {
         return Err(ReadError::content(metadata, "lists no files", expected));
     };
-    // Older bags state paths relative to the parent folder.
+    // Older bags state paths relative to the parent folder; no bag has files elsewhere.
     let place = |relative: &str| {
+        let relative = Path::new(relative);
+        let stays = relative.components().all(|part| matches!(part, Component::Normal(_)));
         let inside = folder.join(relative);
-        let name = Path::new(relative).file_name().map_or_else(|| inside.clone(), |name| folder.join(name));
-        if inside.is_file() { inside } else { name }
+        match relative.file_name() {
+            Some(name) if !(stays && inside.is_file()) => folder.join(name),
+            _ => inside,
+        }
     };
     let files: Vec<PathBuf> = paths.iter().filter_map(Yaml::as_str).map(place).collect();
     match files.is_empty() {

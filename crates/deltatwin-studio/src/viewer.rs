@@ -1,0 +1,94 @@
+//! Rerun's web viewer beside the page: its program, the page around it, and the file that it shows.
+
+use std::path::Path;
+use std::sync::OnceLock;
+
+use deltatwin_io::outside::Access;
+use deltatwin_io::{model, recording};
+use deltatwin_rerun::replay::Replay;
+use miette::miette;
+use re_web_viewer_server::{WebViewerData, WebViewerDataError};
+
+use crate::http::{refusal, within};
+use crate::server::Answer;
+use crate::studio::{Shown, Task, line};
+
+/// The file that is shown, in the folder of the session.
+const FILE: &str = "stages/view.rrd";
+const PAGE: &str = include_str!("../assets/viewer.html");
+const SCRIPT: &str = include_str!("../assets/viewer.js");
+
+/// What the viewer's page may load and run: scripts and WebAssembly of this server; it is shown in the studio's page only.
+const POLICY: &str = "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'unsafe-inline'; \
+     connect-src 'self'; img-src 'self' data: blob:; worker-src 'self' blob:; base-uri 'none'; form-action 'none'; \
+     frame-ancestors 'self'";
+
+/// Whether `path` is that of a file of the viewer's program.
+pub(crate) fn is_asset(path: &str) -> bool {
+    ["/viewer.js", "/re_viewer.js", "/re_viewer_bg.wasm"].contains(&path)
+}
+
+/// A file of the viewer's program.
+pub(crate) fn asset(path: &str) -> Answer {
+    static DATA: OnceLock<Result<WebViewerData, WebViewerDataError>> = OnceLock::new();
+    if path == "/viewer.js" {
+        return within(POLICY, SCRIPT, "text/javascript");
+    }
+    let data = match DATA.get_or_init(|| WebViewerData::load(None)) {
+        Ok(data) => data,
+        Err(e) => return refusal(404, &e.to_string()),
+    };
+    let (content, kind) = match path {
+        "/re_viewer.js" => (data.viewer_js(), "text/javascript"),
+        _ => (data.viewer_wasm(), "application/wasm"),
+    };
+    // The same for every session: the browser may keep it.
+    Answer::new(200, content.len() as u64, content).with("Content-Type", kind).with("Cache-Control", "max-age=86400")
+}
+
+/// The page around the viewer.
+pub(crate) fn page() -> Answer {
+    within(POLICY, PAGE, "text/html")
+}
+
+/// The file that is shown.
+pub(crate) fn file(folder: &Path) -> Answer {
+    let opened = std::fs::File::open(folder.join(FILE)).and_then(|file| Ok((file.metadata()?.len(), file)));
+    match opened {
+        Ok((length, file)) => Answer::new(200, length, file)
+            .with("Content-Type", "application/octet-stream")
+            .with("Cache-Control", "no-store"),
+        Err(_) => refusal(404, "there is nothing to be shown yet"),
+    }
+}
+
+/// Writes the file: recording `index`, or the last one, held out if there is one, with the residual of the model in use;
+/// beside it, as before and after, that of the model from which it was made.
+pub(crate) fn write(task: &Task, index: Option<usize>) -> miette::Result<Shown> {
+    let all = &task.session.recordings;
+    let last = all.iter().rposition(|r| r.held_out).or(all.len().checked_sub(1));
+    let index = index.or(last).filter(|k| *k < all.len()).ok_or_else(|| miette!("there is no such recording"))?;
+    let named = &all[index].file;
+    let inputs = task.session.inputs(&task.folder)?;
+    let reading = inputs.reading(Some(task.model.mechanism));
+    let (recording, _) = recording::read_as(&task.folder.join(named), &reading)?;
+    let version = &task.session.versions[task.version];
+    let parent = version.parent.map(|k| task.session.versions[k].file.as_str());
+    let earlier = parent.map(|file| model::read(&task.folder.join(file))).transpose()?;
+    let (model, beside) = match &earlier {
+        Some(earlier) => (earlier, Some(&task.model)),
+        None => (&task.model, None),
+    };
+    let path = task.folder.join(FILE);
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(|e| miette!("{}: {e}", folder.display()))?;
+    }
+    Replay { recording: &recording, model, beside, access: Access::PROJECT }.write(&path)?;
+    let mut words = vec!["deltatwin", "replay", named.as_str(), "--model", parent.unwrap_or(&version.file)];
+    if parent.is_some() {
+        words.extend(["--beside", version.file.as_str()]);
+    }
+    let replay = line(&words.iter().map(ToString::to_string).collect::<Vec<_>>());
+    let native = line(&["rerun".into(), path.display().to_string()]);
+    Ok(Shown { serial: 0, recording: named.clone(), version: task.version, commands: vec![native, replay] })
+}
