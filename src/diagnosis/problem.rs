@@ -7,7 +7,7 @@ use super::change::can_change;
 use super::fitting::Fitting;
 use super::orders;
 use crate::dynamics::Plant;
-use crate::effects::{self, ActiveEffect, Entry, Param, Role, Start};
+use crate::effects::{self, ActiveEffect, Entry, Kind, Param, Role, Start};
 use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
 use crate::identification::dataset::averaged_segments;
 use crate::identification::fit::{Fit, FitError, kinematics, nominal_size};
@@ -170,24 +170,36 @@ impl Fitting<'_> {
     }
 
     /// The problem of a fit that differs from the one of `problem` in its parameters and by the delay `late` of all
-    /// torques: the columns of the candidates are delayed and not computed again.
+    /// torques. The columns of the `candidates` are delayed as those of the model are; only sensors, which may follow
+    /// torques faster than the averages, are computed again.
     pub fn delayed(
         &self,
         problem: &Problem,
-        fit: &Fit,
-        late: &ActiveEffect,
+        candidates: &[Vec<ActiveEffect>],
+        (fit, late): (&Fit, &ActiveEffect),
         edges: Edges,
     ) -> Result<Problem, FitError> {
         let datasets = self.datasets;
-        let mut owned = owned_columns(&fit.model, datasets)?;
+        let is_sensor = |shapes: &Vec<ActiveEffect>| shapes[0].effect.kind() == Kind::Sensor;
+        let sensors: Vec<ActiveEffect> =
+            candidates.iter().filter(|shapes| is_sensor(shapes)).flatten().cloned().collect();
+        let (mut owned, columns) = linearised(&fit.model, datasets, &sensors)?;
         owned.retain(|o| !self.is_fixed(o.param));
         let mut next = Problem {
             y: residual_series(datasets, &fit.residuals),
             base: along_edges(owned, fit, edges).into_iter().chain(blurred_reversals(datasets)).collect(),
             ..problem.clone()
         };
-        let variants = next.candidates.iter_mut().flat_map(|candidate| &mut candidate.variants);
-        variants.flat_map(|variant| &mut variant.columns).for_each(|column| delay(datasets, late, &mut column.values));
+        let mut columns = columns.into_iter();
+        for (candidate, shapes) in next.candidates.iter_mut().zip(candidates) {
+            for variant in &mut candidate.variants {
+                if is_sensor(shapes) {
+                    variant.columns = columns.next().expect("one per shape");
+                } else {
+                    variant.columns.iter_mut().for_each(|column| delay(datasets, late, &mut column.values));
+                }
+            }
+        }
         Ok(next)
     }
 

@@ -399,4 +399,19 @@ mod tests {
         assert_eq!(strokes(0.0, 4, 0.2).standing, 0.0);
         assert_eq!(strokes(5.0, 0, 0.0).standing, 0.0);
     }
+
+    #[test]
+    fn pieces_are_segments_of_their_own() {
+        let whole = strokes(0.0, 4, 1.0);
+        let sparse = whole.sparse(300, 3);
+        // Pieces begin every 900 samples, and end where the axis comes to rest.
+        let pieces: Vec<Dataset> =
+            (0..whole.len()).step_by(900).map(|k| whole.window(k..(k + 300).min(whole.len()))).collect();
+        assert_eq!(sparse.len(), pieces.iter().map(Dataset::len).sum::<usize>());
+        assert_eq!(sparse.segments.len(), pieces.iter().map(|piece| piece.segments.len()).sum::<usize>());
+        assert!(sparse.segments.iter().all(|s| s.clone().skip(1).all(|k| sparse.t[k] - sparse.t[k - 1] < 1.5e-3)));
+        assert_eq!(sparse.t[300], whole.t[900]);
+        assert_eq!((sparse.measured[0].len(), sparse.joints.len()), (sparse.len(), sparse.len()));
+        assert!(whole.resolution(0) > 5e-6 && whole.resolution(0) < 2e-5 && sparse.resolution(0) == 0.0);
+    }
 }

@@ -57,7 +57,7 @@ impl Search<'_> {
         if !self.judge.fitting.is_late() {
             let fit = &self.start.fit;
             let late = delay(&fit.model).expect("just added");
-            self.problem = self.judge.fitting.delayed(&self.without_lag.1, fit, late, self.edges)?;
+            self.problem = self.judge.fitting.delayed(&self.without_lag.1, self.candidates, (fit, late), self.edges)?;
         }
         Ok(())
     }
