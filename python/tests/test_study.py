@@ -94,7 +94,7 @@ def test_what_cannot_be_examined_is_refused(tmp_path):
         dt.exam(model, tmp_path, effects=["gremlins"])
     with pytest.raises(dt.ModelError, match="assembled delta"):
         dt.exam(dt.Model.builtin("servo-axis"), tmp_path, effects=[])
-    with pytest.raises(ValueError, match="sizes is 'huge'; expected one of small, medium, large"):
+    with pytest.raises(ValueError, match='sizes is "huge"; expected one of small, medium, large'):
         dt.exam(model, tmp_path, sizes=["huge"])
     with pytest.raises(dt.ModelError, match="duration is 0.1"):
         dt.exam(model, tmp_path, duration=0.1)
@@ -146,7 +146,7 @@ class Cluster:
 def test_an_exam_on_ray_is_the_same(examined, tmp_path):
     """Nodes are sent the model; its recordings stay with them."""
     try:
-        ray.init(_node_ip_address="127.0.0.1", num_cpus=2, include_dashboard=False, log_to_driver=False)
+        ray.init(address="local", _node_ip_address="127.0.0.1", num_cpus=2, include_dashboard=False, log_to_driver=False)
         assert {node["NodeManagerAddress"] for node in ray.nodes()} == {"127.0.0.1"}
         dt.exam(dt.Model.builtin("irb360-6-1600"), tmp_path, **EXAM, ray="auto", chunks=3)
     finally:
