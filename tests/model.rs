@@ -405,7 +405,7 @@ fn meshes_are_named_and_kept() {
     m.gravity = 9.8067;
     assert_eq!(parse(&updated_text(&text, &m).unwrap()).unwrap().meshes, m.meshes);
     assert_eq!(parse(&full_text(&m).unwrap()).unwrap().meshes, m.meshes);
-    let refused = |line: &str| parse(&format!("{}\n[meshes]\n{line}\n", nominal())).unwrap_err().to_string();
+    let refused = |line: &str| parse(&format!("{}\n[meshes]\n{line}\n", nominal())).err().unwrap().to_string();
     assert!(refused("arm = \"arm.exe\"").contains("[meshes] arm = \"arm.exe\": expected the name of a file (.stl"));
     assert!(refused("arms = \"arm.stl\"").contains("did you mean `arm`"), "{}", refused("arms = \"arm.stl\""));
     assert!(refused("scale = 0.0").contains("[meshes] scale"), "{}", refused("scale = 0.0"));
