@@ -7,6 +7,7 @@ use std::time::Instant;
 use deltatwin::dynamics::Plant;
 use deltatwin::planner::trajectory::trajectory;
 use deltatwin::planner::{self, Limits, Machine, Options, PlanError};
+use deltatwin_io::outside::Access;
 use pyo3::prelude::*;
 
 use crate::errors;
