@@ -10,6 +10,7 @@ use deltatwin::machine::{Joint, Mechanism, Unit};
 use deltatwin::model::{Added, MeshPart, Model, Provenance, summary};
 use deltatwin_io::model;
 use deltatwin_io::model::{fitted_text, full_text, updated_text};
+use deltatwin_io::outside::Access;
 use proptest::prelude::*;
 
 const NAME: &str = "robot.toml";
@@ -405,7 +406,7 @@ fn meshes_are_named_and_kept() {
     m.gravity = 9.8067;
     assert_eq!(parse(&updated_text(&text, &m).unwrap()).unwrap().meshes, m.meshes);
     assert_eq!(parse(&full_text(&m).unwrap()).unwrap().meshes, m.meshes);
-    let refused = |line: &str| parse(&format!("{}\n[meshes]\n{line}\n", nominal())).unwrap_err().to_string();
+    let refused = |line: &str| parse(&format!("{}\n[meshes]\n{line}\n", nominal())).err().unwrap().to_string();
     assert!(refused("arm = \"arm.exe\"").contains("[meshes] arm = \"arm.exe\": expected the name of a file (.stl"));
     assert!(refused("arms = \"arm.stl\"").contains("did you mean `arm`"), "{}", refused("arms = \"arm.stl\""));
     assert!(refused("scale = 0.0").contains("[meshes] scale"), "{}", refused("scale = 0.0"));
@@ -422,7 +423,7 @@ fn meshes_are_named_and_kept() {
     model::write(&model::read(&file).unwrap(), &written).unwrap();
     let again = model::read(&written).unwrap();
     assert_eq!(again.meshes.files[&MeshPart::Arm], Path::new("../models/cad/arm.stl"));
-    assert_eq!(model::meshes::files(&again).unwrap()[1].0, MeshPart::Arm);
+    assert_eq!(model::meshes::files(&again, Access::PROJECT).unwrap()[1].0, MeshPart::Arm);
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{Added, Model};
+use super::{Added, Meshes, Model};
 use crate::effects::{ActiveEffect, Effects, find};
 use crate::machine::{
     Actuator, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops,

@@ -103,10 +103,10 @@ mod tests {
         let file = folder.path().join("own.toml");
         std::fs::write(&file, text + "\n[meshes]\nscale = 0.001\narm = \"arm.stl\"\n").unwrap();
         let model = deltatwin_io::model::read(&file).unwrap();
-        let missing = format!("{:?}", Assets::of(&model).unwrap_err());
+        let missing = format!("{:?}", Assets::of(&model, Access::PROJECT).unwrap_err());
         assert!(missing.contains("[meshes] arm") && missing.contains("arm.stl"), "{missing}");
         std::fs::write(folder.path().join("arm.stl"), tetrahedron()).unwrap();
-        let assets = Assets::of(&model).unwrap();
+        let assets = Assets::of(&model, Access::PROJECT).unwrap();
 
         let motion = Motion::assembled(&model.geometry, &JointState::default()).unwrap();
         let mut scene = Scene::new(model.mechanism, &model.geometry, vec![0.0], vec![motion.poses()]);

@@ -150,7 +150,7 @@ fn point(v: Vector3<f64>) -> [f32; 3] {
     [v.x as f32, v.y as f32, v.z as f32]
 }
 
-/// Entities of a scene.
+/// Entities of a scene, as a file and as pieces of a stream.
 #[cfg(test)]
 fn entities(scene: &Scene) -> std::collections::BTreeSet<String> {
     use rerun::external::re_log_types::LogMsg;
@@ -159,6 +159,10 @@ fn entities(scene: &Scene) -> std::collections::BTreeSet<String> {
     shapes(&rec, scene).unwrap();
     trail::whole(&rec, scene).unwrap();
     motion(&rec, scene, &mut Known::default()).unwrap();
+    for piece in [scene.between(f64::MIN, scene.times[0] + 1e-9), scene.between(scene.times[0] + 1e-9, f64::MAX)] {
+        trail::end(&rec, &piece, &mut Known::default()).unwrap();
+        motion(&rec, &piece, &mut Known::default()).unwrap();
+    }
     let of = |message: LogMsg| match message {
         LogMsg::ArrowMsg(_, arrow) => Some(Chunk::from_arrow_msg(&arrow).unwrap().entity_path().to_string()),
         _ => None,
@@ -213,7 +217,7 @@ mod tests {
         scene.ghost_name = "model".into();
         scene.after = Some(After { residual: vec![[9.0; AXES]; 2], ghost: None });
         let contact = Contact { at: Vector3::new(0.0, 0.0, -1.0), force: Vector3::new(0.0, 0.0, 50.0) };
-        scene.contacts = Some(vec![vec![], vec![contact]]);
+        scene.contacts = Some(vec![vec![contact, contact], vec![contact]]);
         for entity in
             ["ghost/arm1", "ghost", "contacts", "legend", "after/robot/arm1", "after/path", "robot/springs/pair1_upper"]
         {

@@ -57,7 +57,7 @@ pub(super) fn end(rec: &RecordingStream, scene: &Scene, known: &mut Known) -> Ou
     let path = a::LineStrips3D::update_fields()
         .with_strips(points.windows(2).map(|pair| vec![pair[0].1, pair[1].1]))
         .with_colors(points.iter().skip(1).map(|p| color(p.2)))
-        .with_radii([0.002f32]);
+        .with_radii(points.iter().skip(1).map(|_| 0.002f32));
     let count = points.len().saturating_sub(1);
     rec.send_columns("world/path", [frames(&[last])], path.columns([count])?)?;
     Ok(())
