@@ -81,7 +81,7 @@ pub(crate) fn shipped(name: &str) -> Model {
             .iter()
             .map(|a| copy!(Added { effect, channels, rms_before, rms_after, noise_floor, held_out } of a.clone()))
             .collect(),
-        meshes: Meshes::default(),
+        meshes: super::Meshes::default(),
     };
     let host = model.host();
     model.effects = read
