@@ -102,7 +102,7 @@ fn friction_that_saturates_is_found_in_another_shape() {
     let slide = model("servo-axis");
     let law = Expression::parse("-20*tanh(qd1/0.2)").unwrap();
     let term = Term { name: "curve".into(), at: Place::named("drive1").unwrap(), law };
-    let formula = Arc::new(Formula::new(vec![(term, 1.0)], false));
+    let formula = Arc::new(Formula::new(vec![(term, 1.0)], false, slide.mechanism));
     let mut hidden = ActiveEffect::absent_on(formula, slide.host());
     hidden.values = vec![1.0];
     let d = told(&slide, hidden, 45);

@@ -1,14 +1,18 @@
 //! Relatives of the robot: carriages in place of arms.
 
-use crate::common::model;
-use deltatwin::dynamics::{Plant, inverse_dynamics};
+use crate::common::{model, planned};
+use deltatwin::dynamics::{Channel, Plant, inverse_dynamics};
+use deltatwin::identification::fit::Options;
+use deltatwin::identification::{Dataset, fit, limb_test, predict};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::{Actuator, Geometry, Mechanism, Setup};
 use deltatwin::model::Model;
+use deltatwin::scenario::Course;
 use nalgebra::Vector3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, Normal};
 
 /// The shipped linear delta on guides of another inclination; its carriages move about 0.1 m around where they were.
 fn inclined(inclination: f64) -> Model {
@@ -124,4 +128,47 @@ fn units_of_drives_are_those_of_carriages_and_units_of_links_are_not() {
     )
     .entries();
     assert_eq!(sockets.remove(0).parameter.unit.to_string(), "N·m");
+}
+
+/// What `robot` measures on a random motion of 8 s, with the noise of its drives.
+fn recorded(robot: &Model, seed: u64) -> Dataset {
+    const PERIOD: f64 = 2e-3;
+    let setup = Setup::default();
+    let course = Course::RandomFourier { seed, frequency: 0.25, harmonics: 8, share: 0.7 };
+    let motion = course.on(robot, &setup).unwrap();
+    let t: Vec<f64> = (0..4000).map(|k| k as f64 * PERIOD).collect();
+    let joints = t.iter().map(|&t| motion.at(t).joints(&robot.geometry).unwrap()).collect();
+    let channels = Channel::of_drives(robot.mechanism);
+    let exact = Dataset { channels, ..planned(setup, t, joints, PERIOD) };
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut measured = predict(&Plant::new(robot, &setup), &exact).unwrap();
+    for (series, sigma) in measured.iter_mut().zip(robot.noise.torque) {
+        let noise = Normal::new(0.0, sigma).unwrap();
+        series.iter_mut().for_each(|x| *x += noise.sample(&mut rng));
+    }
+    Dataset { measured, ..exact }
+}
+
+#[test]
+fn limbs_have_their_own_parameters_where_the_data_demand_it() {
+    for (name, differing) in [("linear-delta", "rigid_bodies.arm_mass"), ("irb360-6-1600", "rigid_bodies.arm_")] {
+        let alike = model(name);
+        let mut robot = alike.clone();
+        // The second arm with its drive is a tenth heavier.
+        robot.bodies[1] = robot.bodies[1] * 1.1;
+        for (robot, demanded) in [(&robot, true), (&alike, false)] {
+            let (fitted, held_out) = ([recorded(robot, 1)], [recorded(robot, 2)]);
+            let noise = robot.noise.torque[..robot.mechanism.axes()].to_vec();
+            let fit = fit(&alike, &fitted, std::slice::from_ref(&noise)).unwrap();
+            for held_out in [&held_out[..], &[]] {
+                let data = (&fitted[..], held_out);
+                let test = limb_test(&fit, &alike, data, &noise, &Options::default()).unwrap().unwrap();
+                assert_eq!((test.demanded, test.held_out), (demanded, !held_out.is_empty()), "{name} {test:?}");
+                let named = test.differing.iter().find(|one| one.name.starts_with(differing));
+                assert_eq!(named.is_some(), demanded, "{name} {test:?}");
+                let Some(one) = named else { continue };
+                approx::assert_relative_eq!(one.values[1] / one.values[0], 1.1, epsilon = 0.02);
+            }
+        }
+    }
 }

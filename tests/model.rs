@@ -10,6 +10,7 @@ use deltatwin::machine::{Joint, Mechanism, Unit};
 use deltatwin::model::{Added, MeshPart, Model, Provenance, summary};
 use deltatwin_io::model;
 use deltatwin_io::model::{fitted_text, full_text, updated_text};
+use deltatwin_io::outside::Access;
 use proptest::prelude::*;
 
 const NAME: &str = "robot.toml";
@@ -422,7 +423,7 @@ fn meshes_are_named_and_kept() {
     model::write(&model::read(&file).unwrap(), &written).unwrap();
     let again = model::read(&written).unwrap();
     assert_eq!(again.meshes.files[&MeshPart::Arm], Path::new("../models/cad/arm.stl"));
-    assert_eq!(model::meshes::files(&again).unwrap()[1].0, MeshPart::Arm);
+    assert_eq!(model::meshes::files(&again, Access::PROJECT).unwrap()[1].0, MeshPart::Arm);
 }
 
 #[test]

@@ -8,6 +8,7 @@ use deltatwin::diagnosis::{Diagnosis, Verdict, diagnose};
 use deltatwin::effects::formula::{Expression, Formula, Place, Term};
 use deltatwin::effects::{ActiveEffect, Effect, find};
 use deltatwin::identification::Dataset;
+use deltatwin::machine::Mechanism;
 use deltatwin_io::model;
 use deltatwin_io::model::updated_text;
 use deltatwin_validation::exam::{Case, campaign_with};
@@ -53,7 +54,7 @@ fn formula(terms: &[(&str, &str)]) -> Arc<dyn Effect> {
         let law = Expression::parse(law).unwrap();
         (Term { name: format!("hidden_{i}"), at: Place::named(at).unwrap(), law }, 1.0)
     };
-    Arc::new(Formula::new(terms.iter().enumerate().map(term).collect(), false))
+    Arc::new(Formula::new(terms.iter().enumerate().map(term).collect(), false, Mechanism::default()))
 }
 
 /// Measurement and validation of a robot with a formula hidden.

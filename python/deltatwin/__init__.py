@@ -30,6 +30,7 @@ from ._deltatwin import (
     Named,
     Parameter,
     Payload,
+    PayloadIdentification,
     Plan,
     Recording,
     Regressor,
@@ -44,13 +45,14 @@ from ._deltatwin import (
     effects,
     excite,
     identify,
+    identify_payload,
     plan,
     read_study_table,
     simulate,
 )
 from ._errors import DataError, ModelError
 from ._rerun import to_rerun
-from ._study import compute_chunk, study
+from ._study import compute_chunk, exam, study
 
 __all__ = [
     "Addition",
@@ -73,6 +75,7 @@ __all__ = [
     "Named",
     "Parameter",
     "Payload",
+    "PayloadIdentification",
     "Plan",
     "Recording",
     "Regressor",
@@ -86,8 +89,10 @@ __all__ = [
     "compute_chunk",
     "diagnose",
     "effects",
+    "exam",
     "excite",
     "identify",
+    "identify_payload",
     "plan",
     "read_study_table",
     "simulate",

@@ -26,6 +26,7 @@ __all__ = [
     "Named",
     "Parameter",
     "Payload",
+    "PayloadIdentification",
     "Plan",
     "Recording",
     "Regressor",
@@ -40,6 +41,7 @@ __all__ = [
     "effects",
     "excite",
     "identify",
+    "identify_payload",
     "plan",
     "read_study_table",
     "simulate",
@@ -415,6 +417,28 @@ class Identification:
     def _repr_html_(self) -> str: ...
 
 @final
+class PayloadIdentification:
+    @property
+    def payload(self) -> Payload: ...
+    @property
+    def setup(self) -> Setup: ...
+    @property
+    def estimates(self) -> list[Estimate]: ...
+    @property
+    def parameters(self) -> Table: ...
+    @property
+    def unidentified(self) -> list[tuple[str, str]]: ...
+    @property
+    def channels(self) -> list[str]: ...
+    @property
+    def rms(self) -> list[float]: ...
+    @property
+    def noise_floor(self) -> list[float]: ...
+    @property
+    def errors(self) -> Table: ...
+    def _repr_html_(self) -> str: ...
+
+@final
 class Comparison:
     @property
     def channels(self) -> list[str]: ...
@@ -569,14 +593,36 @@ class Plan:
 @final
 class StudyPlan:
     def __new__(cls, study: _Path, folder: _Path) -> StudyPlan: ...
+    @staticmethod
+    def of_exam(
+        model: Model,
+        folder: _Path,
+        *,
+        effects: Sequence[str] | None = None,
+        sizes: Sequence[str] = ...,
+        seeds: int = 1,
+        pairs: int = 0,
+        outside: int = 0,
+        null: int = 1,
+        fast_null: int = 0,
+        noise: Sequence[str] = ...,
+        motion: str = ...,
+        strut_sensors: bool = True,
+        payloads: bool = True,
+        duration: float = 20.0,
+        seed: int = 1,
+        force: bool = False,
+    ) -> StudyPlan: ...
     @property
-    def study(self) -> _File: ...
+    def study(self) -> _File | None: ...
     @property
     def folder(self) -> _File: ...
     @property
     def runs(self) -> int: ...
     @property
     def digest(self) -> str: ...
+    @property
+    def build(self) -> str: ...
     @property
     def is_search(self) -> bool: ...
     @property
@@ -609,9 +655,29 @@ def identify(
     held_out: _Recordings | None = None,
     hold: Sequence[str] = ...,
     robust: bool = False,
+    weighing: Literal["noise", "maximum"] = ...,
+    method: Literal["cones", "log_cholesky"] = ...,
+    prior: Model | None = None,
+    regularisation: float = ...,
+    gamma: Mapping[str, float] | None = None,
+    limbs: Literal["alike", "each"] = ...,
+    bodies: Literal["symmetric", "aligned", "complete"] = ...,
+    derivatives: Literal["paper", "polynomial", "smoother", "reversals"] = ...,
     gate: bool = True,
     progress: _Progress = None,
 ) -> Identification: ...
+def identify_payload(
+    model: Model,
+    recordings: _Recordings,
+    *,
+    robust: bool = False,
+    weighing: Literal["noise", "maximum"] = ...,
+    method: Literal["cones", "log_cholesky"] = ...,
+    regularisation: float = ...,
+    derivatives: Literal["paper", "polynomial", "smoother", "reversals"] = ...,
+    gate: bool = True,
+    progress: _Progress = None,
+) -> PayloadIdentification: ...
 def compare(
     model: Model,
     recordings: _Recordings,

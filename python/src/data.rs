@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use deltatwin::dynamics::Channel;
 use deltatwin::gate::{combined, examine};
-use deltatwin::identification::Dataset;
 use deltatwin::identification::bandwidth::{bandwidth, narrow};
 use deltatwin::identification::zeros::zeros;
+use deltatwin::identification::{Dataset, Method};
 use deltatwin::machine::{Mechanism, Unit};
 use deltatwin::model;
 use pyo3::exceptions::{PyTypeError, PyUserWarning};
@@ -61,8 +61,22 @@ impl Data {
         held_out: Option<&Bound<'_, PyAny>>,
         gate: bool,
     ) -> PyResult<Self> {
-        let fitted = each(Some(data), "recordings", Recording::dataset)?;
-        let validated = each(held_out, "held_out", Recording::dataset)?;
+        Self::read(py, model, (data, held_out), Method::Reversals, gate)
+    }
+
+    /// As [`Self::of`] for what is fitted and what is held out, with angles differentiated by `method`.
+    ///
+    /// # Errors
+    /// As [`Self::of`].
+    pub fn read(
+        py: Python,
+        model: &Arc<model::Model>,
+        (data, held_out): (&Bound<'_, PyAny>, Option<&Bound<'_, PyAny>>),
+        method: Method,
+        gate: bool,
+    ) -> PyResult<Self> {
+        let fitted = each(Some(data), "recordings", |r| r.dataset_by(method))?;
+        let validated = each(held_out, "held_out", |r| r.dataset_by(method))?;
         let drives = Channel::of_drives(model.mechanism);
         let mut all: Vec<Dataset> = fitted.iter().chain(&validated).map(|d| (**d).clone()).collect();
         let Some(first) = all.first() else {

@@ -71,12 +71,8 @@ impl Excitation {
 
     /// The scenario of the motion for the model in `model_path`, as text.
     fn scenario(&self, py: Python, model_path: PathBuf) -> PyResult<String> {
-        let folder = tempfile::tempdir()?;
-        let file = folder.path().join("scenario.toml");
-        let model_path = std::path::absolute(model_path)?;
-        deltatwin_io::scenario::write_design(&self.design, &self.options, &self.model, &model_path, &file)
-            .map_err(|e| errors::report(py, &e))?;
-        Ok(std::fs::read_to_string(&file)?)
+        deltatwin_io::scenario::design_text(&self.design, &self.options, &self.model, &model_path)
+            .map_err(|e| errors::report(py, &e))
     }
 
     /// Write the motion as a scenario for the model in the file ``model_path``.

@@ -1,11 +1,13 @@
 //! [`identify`] and [`compare`].
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use deltatwin::comparison;
 use deltatwin::dynamics::Channel;
 use deltatwin::identification::dataset::noise_floor;
-use deltatwin::identification::fit::{Fit, FitError, Options, fit_with};
+use deltatwin::identification::estimator::PRIOR_INFORMATION;
+use deltatwin::identification::fit::{Fit, FitError, fit_with};
 use deltatwin::identification::{Dataset, Residuals};
 use deltatwin::model;
 use deltatwin_report::drawing::residual::{self, Stage};
@@ -13,7 +15,7 @@ use pyo3::prelude::*;
 
 use crate::answer::{self, Estimate, Finding};
 use crate::data::Data;
-use crate::errors;
+use crate::how::{How, Words};
 use crate::interrupt::{Bar, run};
 use crate::law;
 use crate::model::Model;
@@ -204,20 +206,8 @@ impl Comparison {
 }
 
 /// The exception for a fit that is not possible.
-fn failed(error: &FitError) -> PyErr {
+pub fn failed(error: &FitError) -> PyErr {
     pyo3::exceptions::PyValueError::new_err(error.to_string())
-}
-
-/// Refuses held effects that the model does not have.
-fn check_hold(py: Python, model: &model::Model, hold: &[String]) -> PyResult<()> {
-    let own: Vec<&str> = model.effects.iter().map(|a| a.effect.name()).chain(["rigid_bodies"]).collect();
-    let foreign = hold.iter().find(|name| !own.contains(&name.as_str()));
-    foreign.map_or(Ok(()), |name| {
-        Err(errors::model_error(
-            py,
-            format!("hold: the model has no effect {name:?}; expected one of {}", own.join(", ")),
-        ))
-    })
 }
 
 /// Estimate the parameters of a model from recordings, with standard errors; every body stays physically consistent.
@@ -234,6 +224,23 @@ fn check_hold(py: Python, model: &model::Model, hold: &[String]) -> PyResult<()>
 ///     Effects whose parameters are known (``"rigid_bodies"`` for the links).
 /// robust : bool
 ///     Outliers are downweighted.
+/// weighing : str
+///     What the rows are weighed with: ``"noise"`` of the channels, or their largest measured value, ``"maximum"``.
+/// method : str
+///     Way to physically consistent parameters, ``"cones"`` or ``"log_cholesky"``; both lead to the same ones.
+/// prior : Model, optional
+///     Model whose parameters are the regularisation values, instead of ``model`` itself.
+/// regularisation : float
+///     Weight of the regularisation: information per parameter, in units of its own size.
+/// gamma : dict, optional
+///     Weights of groups of parameters instead of ``regularisation``: ``"torque"``, ``"bodies"``, ``"friction"``, a kind
+///     of body such as ``"arm"``, or an effect.
+/// limbs : str
+///     Whether the limbs of the assembled robot are ``"alike"`` or ``"each"`` has parameters of its own.
+/// bodies : str
+///     Parameters of each link of the assembled robot: ``"symmetric"``, ``"aligned"`` or ``"complete"``, all ten.
+/// derivatives : str
+///     How rates and accelerations come from the angles: ``"reversals"``, ``"smoother"``, ``"polynomial"`` or ``"paper"``.
 /// gate : bool
 ///     Refuse recordings whose signs, factors, order or zeros cannot be those of the model.
 /// progress : bool or function
@@ -245,8 +252,13 @@ fn check_hold(py: Python, model: &model::Model, hold: &[String]) -> PyResult<()>
 ///     If a recording cannot be fitted, with the remedy.
 /// ModelError
 ///     If ``hold`` names an effect that the model does not have.
+/// ValueError
+///     For a word or a number that is none of those above.
 #[pyfunction]
-#[pyo3(signature = (model, recordings, *, held_out = None, hold = Vec::new(), robust = false, gate = true, progress = None))]
+#[pyo3(signature = (model, recordings, *, held_out = None, hold = Vec::new(), robust = false, weighing = "noise".into(),
+                    method = "cones".into(), prior = None, regularisation = PRIOR_INFORMATION, gamma = None,
+                    limbs = "alike".into(), bodies = "symmetric".into(), derivatives = "reversals".into(), gate = true,
+                    progress = None))]
 #[expect(clippy::too_many_arguments, reason = "the keywords of the function")]
 pub fn identify(
     py: Python,
@@ -255,20 +267,29 @@ pub fn identify(
     held_out: Option<&Bound<'_, PyAny>>,
     hold: Vec<String>,
     robust: bool,
+    weighing: String,
+    method: String,
+    prior: Option<PyRef<'_, Model>>,
+    regularisation: f64,
+    gamma: Option<BTreeMap<String, f64>>,
+    limbs: String,
+    bodies: String,
+    derivatives: String,
     gate: bool,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Identification> {
-    check_hold(py, &model.inner, &hold)?;
-    let data = Data::of(py, &model.inner, recordings, held_out, gate)?;
+    let words = Words { weighing, method, limbs, bodies, derivatives };
+    let how = How::new(&words, hold, robust)?.regularised(prior, regularisation, gamma)?;
+    how.check_hold(py, &model.inner)?;
+    let own = Arc::new(how.of((*model.inner).clone()));
+    let data = Data::read(py, &own, (recordings, held_out), how.derivatives, gate)?;
     let bar = Bar::of(py, progress, "identify")?;
-    law::evaluate(py, &model.inner, &[], &data)?;
-    let own = model.inner.clone();
+    law::evaluate(py, &own, &[], &data)?;
     let done = run(py, bar.function(), move |task| {
         let channels = data.datasets[0].channels.clone();
         let noise = noise_floor(&own, &data.datasets);
         let stop = || task.stopped();
-        let options = Options { fixed: &hold, robust, stop: Some(&stop), ..Options::default() };
-        let fit = fit_with(&own, &data.datasets, &vec![noise.clone(); data.datasets.len()], &options)?;
+        let fit = fit_with(&own, &data.datasets, &vec![noise.clone(); data.datasets.len()], &how.options(&stop))?;
         let held_out = match &data.held_out[..] {
             [] => None,
             held_out => Some(Residuals::new(&fit.model, held_out)?.rms),

@@ -11,11 +11,13 @@ mod diagnose;
 mod dynamics;
 mod errors;
 mod excite;
+mod how;
 mod identify;
 mod interrupt;
 mod kinematics;
 mod law;
 mod model;
+mod payload;
 mod plan;
 mod recording;
 mod regressor;
@@ -44,6 +46,8 @@ mod _deltatwin {
     use super::law::Law;
     #[pymodule_export]
     use super::model::Model;
+    #[pymodule_export]
+    use super::payload::{PayloadIdentification, identify_payload};
     #[pymodule_export]
     use super::plan::{Plan, plan};
     #[pymodule_export]

@@ -18,11 +18,14 @@ use crate::setup::Setup;
 use crate::table::{Series, Table};
 
 /// The shipped models by name.
-const SHIPPED: [(&str, &str); 7] = [
+const SHIPPED: [(&str, &str); 10] = [
     ("irb360-6-1600", include_str!("../../models/irb360-6-1600.toml")),
     ("irb360-6-1600-truth", include_str!("../../models/irb360-6-1600-truth.toml")),
     ("irb360-6-1600-disassembled", include_str!("../../models/irb360-6-1600-disassembled.toml")),
     ("irb360-1-1130", include_str!("../../models/irb360-1-1130.toml")),
+    ("irb360-3-1130", include_str!("../../models/irb360-3-1130.toml")),
+    ("irb360-8-1130", include_str!("../../models/irb360-8-1130.toml")),
+    ("irb360-1-1600", include_str!("../../models/irb360-1-1600.toml")),
     ("clavel-delta", include_str!("../../models/clavel-delta.toml")),
     ("linear-delta", include_str!("../../models/linear-delta.toml")),
     ("servo-axis", include_str!("../../models/servo-axis.toml")),
@@ -59,7 +62,7 @@ impl Model {
     }
 
     /// The text of a model file.
-    fn text(&self, py: Python) -> PyResult<String> {
+    pub fn text(&self, py: Python) -> PyResult<String> {
         if let Some(law) = self.inner.effects.iter().find(|a| Law::is_own(&*a.effect)) {
             let text = format!(
                 "the effect `{}` is a Python law, which no model file can hold; write it as a formula \

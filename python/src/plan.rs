@@ -7,6 +7,7 @@ use std::time::Instant;
 use deltatwin::dynamics::Plant;
 use deltatwin::planner::trajectory::trajectory;
 use deltatwin::planner::{self, Limits, Machine, Options, PlanError};
+use deltatwin_io::outside::Access;
 use pyo3::prelude::*;
 
 use crate::errors;
@@ -93,7 +94,9 @@ pub fn plan(
     let text = path.extract::<String>().ok().filter(|text| text.contains('\n'));
     let read = match text {
         Some(text) => deltatwin_io::plan::parse(&text, &PathBuf::from("path.toml"), limits),
-        None => deltatwin_io::plan::read_with(&path.extract::<PathBuf>()?, limits, deltatwin_cell::mesh::read),
+        None => {
+            deltatwin_io::plan::read_with(&path.extract::<PathBuf>()?, limits, Access::with(deltatwin_cell::mesh::read))
+        }
     };
     let task = read.map_err(|e| scenario_error(py, &e))?;
     let bar = Bar::of(py, progress, "plan")?;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
-use deltatwin::identification::Dataset;
+use deltatwin::identification::{Dataset, Method};
 use deltatwin::machine::{Axis, Joint, Mechanism};
 use deltatwin::recording::{self, Signals};
 use deltatwin_io::recording::{Mapping, Reading};
@@ -37,6 +37,14 @@ impl Recording {
     /// The smoothed motion with the measured channels; computed once.
     pub fn dataset(&self) -> Arc<Dataset> {
         self.dataset.get_or_init(|| Arc::new(Dataset::new(&self.inner))).clone()
+    }
+
+    /// The smoothed motion by a method of differentiation; that of [`Self::dataset`] is computed once.
+    pub fn dataset_by(&self, method: Method) -> Arc<Dataset> {
+        match method {
+            Method::Reversals => self.dataset(),
+            other => Arc::new(Dataset::with(&self.inner, other)),
+        }
     }
 
     fn axes(&self) -> usize {

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use deltatwin::dynamics::Plant;
 use deltatwin::scenario::Scenario;
 use deltatwin::twin::{Options, Report, SimulationError, simulate_until_failure};
+use deltatwin_io::outside::Access;
 use deltatwin_io::scenario::ScenarioError;
 use pyo3::exceptions::{PyFileNotFoundError, PyValueError};
 use pyo3::prelude::*;
@@ -109,10 +110,10 @@ pub fn scenario_error(py: Python, error: &ScenarioError) -> PyErr {
 /// A scenario from a file, or from a text if that has several lines; its models are relative to `folder`.
 pub fn read_scenario(py: Python, scenario: &Bound<'_, PyAny>, folder: &Path) -> PyResult<Scenario> {
     let text = scenario.extract::<String>().ok().filter(|text| text.contains('\n'));
-    let meshes = deltatwin_cell::mesh::read;
+    let access = Access::with(deltatwin_cell::mesh::read);
     let read = match text {
-        Some(text) => deltatwin_io::scenario::parse_with(&text, &folder.join("scenario.toml"), meshes),
-        None => deltatwin_io::scenario::read_with(&scenario.extract::<PathBuf>()?, meshes),
+        Some(text) => deltatwin_io::scenario::parse_with(&text, &folder.join("scenario.toml"), access),
+        None => deltatwin_io::scenario::read_with(&scenario.extract::<PathBuf>()?, access),
     };
     read.map_err(|e| scenario_error(py, &e))
 }

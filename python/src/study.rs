@@ -1,41 +1,63 @@
-//! [`StudyPlan`]: a study cut into chunks, each a pure function of the study and of its number.
+//! [`StudyPlan`]: a study or an exam cut into chunks, each a pure function of what is studied and of its number.
 
 use std::path::{Path, PathBuf};
 
+use deltatwin_io::outside::Access;
 use deltatwin_io::study;
 use deltatwin_study::campaign::parquet::Reader;
 use deltatwin_study::campaign::{self, Campaign, CampaignError, Chunk, Held, Kind, Value, Watch};
 use deltatwin_study::conduct::{Conduct, ConductError};
+use deltatwin_validation::exam::Exam;
+use deltatwin_validation::exam::campaign::hideable;
 use deltatwin_validation::exam::experiment::Experiments;
+use deltatwin_validation::exam::plan::Plan;
+use deltatwin_validation::exam::{MotionKind, Noise, Size};
 use pyo3::exceptions::{PyOSError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::errors;
 use crate::interrupt::{Bar, Task, run};
+use crate::model::Model;
 use crate::table::{Series, Table};
 
-/// A study with the folder of its rows.
+/// A study or an exam with the folder of its rows.
 #[pyclass(frozen, module = "deltatwin")]
 pub struct StudyPlan {
-    study: PathBuf,
+    subject: Subject,
     folder: PathBuf,
     #[pyo3(get)]
     runs: u64,
     #[pyo3(get)]
     digest: String,
     #[pyo3(get)]
+    build: String,
+    #[pyo3(get)]
     is_search: bool,
 }
 
-/// What a study consists of: runs of a scenario, or experiments that hide effects in a model.
+/// What is studied: what a file says, or the diagnosis with a model.
+enum Subject {
+    Study(PathBuf),
+    Exam { model: Box<deltatwin::model::Model>, plan: Box<Plan>, fast_null: u64, anew: bool },
+}
+
+/// What the rows are made of: runs of a scenario, experiments that hide effects in a model, or campaigns of an exam.
 enum Work {
     Runs(Box<Conduct>),
     Experiments(Box<Experiments>),
+    Exam(Box<Exam>),
 }
 
 impl Work {
-    fn new(study: &Path, folder: &Path) -> miette::Result<Self> {
-        let study = study::read(study, deltatwin_cell::mesh::read)?;
+    fn new(subject: &Subject, folder: &Path) -> miette::Result<Self> {
+        let file = match subject {
+            Subject::Study(file) => file,
+            Subject::Exam { model, plan, fast_null, anew } => {
+                let exam = Exam::new((**model).clone(), (**plan).clone(), *fast_null, folder)?;
+                return Ok(Self::Exam(exam.judging(*anew).into()));
+            }
+        };
+        let study = study::read(file, Access::with(deltatwin_cell::mesh::read))?;
         Ok(match study.experiment {
             None => Self::Runs(Conduct::new(study, folder)?.into()),
             Some(_) => Self::Experiments(Experiments::new(study, folder)?.into()),
@@ -46,6 +68,7 @@ impl Work {
         match self {
             Self::Runs(conduct) => &conduct.campaign,
             Self::Experiments(experiments) => &experiments.campaign,
+            Self::Exam(exam) => &exam.rows,
         }
     }
 
@@ -53,6 +76,7 @@ impl Work {
         match self {
             Self::Runs(conduct) => conduct.runs(),
             Self::Experiments(experiments) => experiments.runs(),
+            Self::Exam(exam) => exam.runs(),
         }
     }
 
@@ -64,14 +88,34 @@ impl Work {
         match self {
             Self::Runs(conduct) => conduct.chunk(chunk, watch),
             Self::Experiments(experiments) => Ok(experiments.chunk(chunk, watch)?),
+            // What is left out has a row that says so.
+            Self::Exam(exam) => Ok(exam.chunk(chunk, watch, &|_| {})?),
         }
     }
 }
 
 impl StudyPlan {
-    fn work(&self, py: Python) -> PyResult<Work> {
-        Work::new(&self.study, &self.folder).map_err(|e| errors::report(py, &e))
+    fn of(py: Python, subject: Subject, folder: PathBuf) -> PyResult<Self> {
+        let work = Work::new(&subject, &folder).map_err(|e| errors::report(py, &e))?;
+        let (runs, is_search) = (work.runs(), work.is_search());
+        let (digest, build) = (work.campaign().digest.hex(), work.campaign().build.clone());
+        Ok(Self { subject, folder, runs, digest, build, is_search })
     }
+
+    fn work(&self, py: Python) -> PyResult<Work> {
+        Work::new(&self.subject, &self.folder).map_err(|e| errors::report(py, &e))
+    }
+}
+
+/// The items of `all` called by `names`, which an argument `what` gives.
+fn chosen<T: Copy>(what: &str, names: &[String], all: &[T], name: impl Fn(T) -> &'static str) -> PyResult<Vec<T>> {
+    let one = |wanted: &String| {
+        all.iter().copied().find(|item| name(*item) == wanted).ok_or_else(|| {
+            let known: Vec<&str> = all.iter().map(|item| name(*item)).collect();
+            PyValueError::new_err(format!("{what} is {wanted:?}; expected one of {}", known.join(", ")))
+        })
+    };
+    names.iter().map(one).collect()
 }
 
 fn failed(error: &ConductError) -> PyErr {
@@ -113,14 +157,61 @@ impl StudyPlan {
     #[new]
     fn new(py: Python, study: PathBuf, folder: PathBuf) -> PyResult<Self> {
         errors::openable(&study)?;
-        let work = Work::new(&study, &folder).map_err(|e| errors::report(py, &e))?;
-        let (runs, is_search) = (work.runs(), work.is_search());
-        Ok(Self { study, folder, runs, digest: work.campaign().digest.hex(), is_search })
+        Self::of(py, Subject::Study(study), folder)
+    }
+
+    /// An exam of the diagnosis; arguments and errors as for ``deltatwin.exam``. ``force`` judges again what has an answer.
+    #[staticmethod]
+    #[pyo3(signature = (model, folder, *, effects = None, sizes = vec!["medium".into()], seeds = 1, pairs = 0, outside = 0,
+                        null = 1, fast_null = 0, noise = vec!["white".into()], motion = "wideband".into(),
+                        strut_sensors = true, payloads = true, duration = 20.0, seed = 1, force = false))]
+    #[expect(clippy::too_many_arguments, reason = "the keywords of the function")]
+    fn of_exam(
+        py: Python,
+        model: &Model,
+        folder: PathBuf,
+        effects: Option<Vec<String>>,
+        sizes: Vec<String>,
+        seeds: u64,
+        pairs: u64,
+        outside: u64,
+        null: u64,
+        fast_null: u64,
+        noise: Vec<String>,
+        motion: String,
+        strut_sensors: bool,
+        payloads: bool,
+        duration: f64,
+        seed: u64,
+        force: bool,
+    ) -> PyResult<Self> {
+        let path = model.inner.path.clone().unwrap_or_else(|| PathBuf::from("model.toml"));
+        // The digest covers the text, and a model that was changed since it was read has another one.
+        let parsed = deltatwin_io::model::parse(&model.text(py)?, &path).map_err(|e| errors::report(py, &e))?;
+        let all = || hideable(&parsed).iter().map(|e| e.name().to_string()).collect();
+        let plan = Plan {
+            effects: effects.unwrap_or_else(all),
+            sizes: chosen("sizes", &sizes, &Size::ALL, Size::name)?,
+            seeds,
+            pairs,
+            outside,
+            null,
+            noise: chosen("noise", &noise, &Noise::ALL, Noise::name)?,
+            motion: chosen("motion", &[motion], &MotionKind::ALL, MotionKind::name)?[0],
+            strut_sensors,
+            payloads,
+            duration,
+            seed,
+        };
+        Self::of(py, Subject::Exam { model: parsed.into(), plan: plan.into(), fast_null, anew: force }, folder)
     }
 
     #[getter]
-    fn study(&self) -> PathBuf {
-        self.study.clone()
+    fn study(&self) -> Option<PathBuf> {
+        match &self.subject {
+            Subject::Study(file) => Some(file.clone()),
+            Subject::Exam { .. } => None,
+        }
     }
 
     #[getter]
@@ -143,7 +234,7 @@ impl StudyPlan {
 
     /// Compute the rows of chunk ``number`` of ``of`` that are not there yet, and return their file.
     ///
-    /// A chunk is a pure function of the study (its ``digest``) and of the two numbers. ``threads`` is 0 for all cores.
+    /// A chunk is a pure function of the study (its ``digest``), of the program (its ``build``) and of the two numbers. ``threads`` is 0 for all cores.
     /// Computing the same chunk twice, after a kill, or with other threads gives the same bytes.
     #[pyo3(signature = (number = 1, of = 1, *, threads = 0, progress = None))]
     fn chunk(
@@ -195,7 +286,11 @@ impl StudyPlan {
     }
 
     fn __repr__(&self) -> String {
-        format!("StudyPlan({:?}, runs={}, digest={:.8}…)", self.study, self.runs, self.digest)
+        let of = match &self.subject {
+            Subject::Study(file) => format!("{file:?}"),
+            Subject::Exam { model, .. } => format!("exam of {:?}", model.name),
+        };
+        format!("StudyPlan({of}, runs={}, digest={:.8}…)", self.runs, self.digest)
     }
 }
 

@@ -8,7 +8,7 @@ import time
 import deltatwin as dt
 import numpy as np
 import pytest
-from conftest import ROOT, scenario
+from conftest import MOTION, ROOT, scenario
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +52,39 @@ def test_a_wrong_recording_is_refused_with_a_remedy(model, runs):
         dt.identify(model, [])
     with pytest.raises(dt.ModelError, match="hold"):
         dt.identify(model, recording, hold=["air_drag"])
+
+
+def test_the_payload_is_identified_with_a_known_robot(model):
+    box = "[payload]\nmass = 2.5\ncom = [0.03, -0.02, -0.08]\ninertia_zz = 0.012\n"
+    loaded = dt.simulate(scenario(3, 6.0, MOTION + box), model=model, folder=ROOT).recording
+    # The recording does not tell what it was made with.
+    run = dt.Recording.from_arrays(loaded.t, loaded.q, loaded.tau)
+    found = dt.identify_payload(model, run)
+    assert found.payload.mass == pytest.approx(2.5, abs=0.02)
+    np.testing.assert_allclose(found.payload.com[:2], [0.03, -0.02], atol=2e-3)
+    assert found.setup.payload == found.payload
+    assert all(r < 1.1 * n for r, n in zip(found.rms, found.noise_floor, strict=True))
+    mass = next(e for e in found.estimates if e.name.endswith("mass"))
+    assert 0.0 < mass.std < 0.01 and abs(mass.value - 2.5) < 5 * mass.std
+    assert "<table>" in found._repr_html_()
+    with pytest.raises(ValueError, match="flange"):
+        dt.identify_payload(dt.Model.builtin("irb360-6-1600-disassembled"), run, gate=False)
+
+
+def test_how_to_fit_is_a_choice(model, runs):
+    usual = dt.identify(model, runs[0])
+    other = dt.identify(model, runs[0], method="log_cholesky")
+    assert other.rms == pytest.approx(usual.rms, rel=1e-4)
+    each = dt.identify(model, runs[0], limbs="each", derivatives="smoother")
+    assert len(each.estimates) > len(usual.estimates)
+    # A prior that weighs like the data keeps what it says.
+    heavy = model.with_parameters({"drive_friction.viscous_1": 2.0})
+    tied = dt.identify(model, runs[0], prior=heavy, gamma={"drive_friction": 1e9})
+    value = {e.name: e.value for e in tied.estimates}
+    assert value["drive_friction.viscous_1"] == pytest.approx(2.0, rel=1e-2)
+    for wrong in ({"method": "magic"}, {"regularisation": 0.0}, {"gamma": {"torque": -1.0}}, {"gamma": {"hat": 1.0}}):
+        with pytest.raises(ValueError, match="expected"):
+            dt.identify(model, runs[0], **wrong)
 
 
 def test_progress_is_told(model, runs):

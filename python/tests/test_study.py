@@ -56,8 +56,48 @@ def test_what_is_missing_is_told(tmp_path):
         plan.chunk(5, 4)
     with pytest.raises(ValueError, match="expected the same files"):
         dt.compute_chunk(str(SMOKE), "0" * 64, 1, 4)
+    with pytest.raises(ValueError, match="the same deltatwin on every node"):
+        dt.compute_chunk(str(SMOKE), plan.digest, 1, 4, build="0" * 64)
     with pytest.raises(FileNotFoundError):
         dt.StudyPlan(tmp_path / "missing.toml", tmp_path)
+
+
+EXAM = {"effects": ["torque_bias"], "seeds": 2, "null": 1, "fast_null": 2, "duration": 3.0, "noise": ["white", "drift"]}
+
+
+@pytest.fixture(scope="module")
+def examined(tmp_path_factory) -> str:
+    """Digest of the table of an exam that one process makes."""
+    folder = tmp_path_factory.mktemp("examined")
+    table = dt.exam(ROOT / "models" / "irb360-6-1600.toml", folder, **EXAM)
+    assert len(table) == 5 and table["hidden"][1] == "torque_bias"
+    assert set(table["campaign"]) == {p.parent.name for p in folder.rglob("truth.json")}
+    # A finished exam is only read.
+    assert dt.exam(dt.Model.builtin("irb360-6-1600"), folder, **EXAM)["grade"] == table["grade"]
+    with pytest.raises(ValueError, match="another study"):
+        dt.exam(dt.Model.builtin("irb360-6-1600"), folder, **{**EXAM, "seed": 2})
+    return digest(folder)
+
+
+def test_an_exam_in_chunks_is_the_same(examined, tmp_path):
+    plan = dt.StudyPlan.of_exam(dt.Model.builtin("irb360-6-1600"), tmp_path, **EXAM)
+    assert plan.runs == 5 and plan.study is None and not plan.is_search
+    for number in (2, 1, 3):
+        plan.chunk(number, 3, threads=1, progress=False)
+    plan.merge()
+    assert digest(tmp_path) == examined
+
+
+def test_what_cannot_be_examined_is_refused(tmp_path):
+    model = dt.Model.builtin("irb360-6-1600")
+    with pytest.raises(dt.ModelError, match="cannot hide `gremlins`"):
+        dt.exam(model, tmp_path, effects=["gremlins"])
+    with pytest.raises(dt.ModelError, match="assembled delta"):
+        dt.exam(dt.Model.builtin("servo-axis"), tmp_path, effects=[])
+    with pytest.raises(ValueError, match='sizes is "huge"; expected one of small, medium, large'):
+        dt.exam(model, tmp_path, sizes=["huge"])
+    with pytest.raises(dt.ModelError, match="duration is 0.1"):
+        dt.exam(model, tmp_path, duration=0.1)
 
 
 @pytest.mark.skipif(shutil.which("parallel") is None, reason="GNU parallel is not installed")
@@ -101,6 +141,18 @@ class Cluster:
                 self.own.remove_node(node, allow_graceful=False)
         with contextlib.suppress(Exception):  # a busy machine may not start a node in time; the head goes on alone
             self.workers.append(self.own.add_node(num_cpus=1, node_ip_address="127.0.0.1"))
+
+
+def test_an_exam_on_ray_is_the_same(examined, tmp_path):
+    """Nodes are sent the model; its recordings stay with them."""
+    try:
+        ray.init(address="local", _node_ip_address="127.0.0.1", num_cpus=2, include_dashboard=False, log_to_driver=False)
+        assert {node["NodeManagerAddress"] for node in ray.nodes()} == {"127.0.0.1"}
+        dt.exam(dt.Model.builtin("irb360-6-1600"), tmp_path, **EXAM, ray="auto", chunks=3)
+    finally:
+        ray.shutdown()
+    assert digest(tmp_path) == examined
+    assert len(list(tmp_path.rglob("answer.json"))) == 5 and not list(tmp_path.rglob("*.csv"))
 
 
 def test_nodes_may_die(alone, tmp_path):

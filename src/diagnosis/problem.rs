@@ -16,6 +16,7 @@ use crate::identification::prediction::Channels;
 use crate::identification::{Dataset, Residuals, averaged_columns};
 use crate::machine::{Mechanism, Unit};
 use crate::model::Model;
+use crate::recording::Signals;
 
 /// Time over which the samples of a lone axis are averaged, s: it keeps nine tenths of the amplitude at 125 Hz, as the
 /// ripple of its motor.
@@ -168,6 +169,28 @@ impl Fitting<'_> {
         })
     }
 
+    /// The problem of a fit that differs from the one of `problem` in its parameters and by the delay `late` of all
+    /// torques: the columns of the candidates are delayed and not computed again.
+    pub fn delayed(
+        &self,
+        problem: &Problem,
+        fit: &Fit,
+        late: &ActiveEffect,
+        edges: Edges,
+    ) -> Result<Problem, FitError> {
+        let datasets = self.datasets;
+        let mut owned = owned_columns(&fit.model, datasets)?;
+        owned.retain(|o| !self.is_fixed(o.param));
+        let mut next = Problem {
+            y: residual_series(datasets, &fit.residuals),
+            base: along_edges(owned, fit, edges).into_iter().chain(blurred_reversals(datasets)).collect(),
+            ..problem.clone()
+        };
+        let variants = next.candidates.iter_mut().flat_map(|candidate| &mut candidate.variants);
+        variants.flat_map(|variant| &mut variant.columns).for_each(|column| delay(datasets, late, &mut column.values));
+        Ok(next)
+    }
+
     /// Linearised problem of a change after the first `before` recordings: the columns of the candidates are zero in
     /// these. The candidates are the effects of the model, each with its linear parameters, and those of `absent`.
     pub fn change(&self, model: &Model, before: usize, absent: &[Vec<ActiveEffect>]) -> Result<Problem, FitError> {
@@ -212,6 +235,30 @@ impl Fitting<'_> {
         let scale = (block(self.datasets) as f64).sqrt();
         let channels = self.datasets[0].channels.iter().zip(&self.noise);
         channels.map(|(c, sigma)| Channel { name: c.to_string(), noise_sigma: Some(sigma / scale) }).collect()
+    }
+}
+
+/// Delays the torques of a column, which has the samples of all datasets for one channel after the other.
+fn delay(datasets: &[Dataset], late: &ActiveEffect, values: &mut [f64]) {
+    let block = block(datasets);
+    let samples = values.len() / datasets[0].channels.len();
+    let drives = datasets[0].channels.iter().filter(|c| c.drive().is_some()).count();
+    let mut first = 0;
+    for dataset in datasets {
+        let own = averaged_segments(std::slice::from_ref(dataset), block);
+        for segment in own.iter().map(|s| first + s.start..first + s.end) {
+            let torque = |axis: usize, k: usize| if axis < drives { values[axis * samples + k] } else { 0.0 };
+            let mut signals = Signals {
+                t: (0..segment.len()).map(|k| k as f64 * block as f64 * dataset.dt).collect(),
+                tau: segment.clone().map(|k| std::array::from_fn(|axis| torque(axis, k))).collect(),
+                ..Signals::default()
+            };
+            late.observe(&mut signals);
+            for (k, tau) in segment.zip(&signals.tau) {
+                tau.iter().take(drives).enumerate().for_each(|(axis, x)| values[axis * samples + k] = *x);
+            }
+        }
+        first += own.last().map_or(0, |s| s.end);
     }
 }
 

@@ -40,8 +40,8 @@ impl Effect for BallSocketCoulomb {
     fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let epsilon = values.one(REGULARISATION);
         for socket in at.closed.iter() {
-            let direction = unit_direction(&at.motion.socket_rate(socket), epsilon);
-            out.socket_moment(values.index(MOMENT, 0), socket, -direction);
+            let rate = at.motion.socket_rate(socket);
+            out.socket_moment(values.index(MOMENT, 0), socket, &rate, -unit_direction(&rate, epsilon));
         }
     }
 }

@@ -50,8 +50,9 @@ impl Effect for BallSocketLoadDependent {
         for socket in at.closed.iter() {
             let strut = socket % STRUTS;
             let force = if socket < STRUTS { at.reactions.upper[strut] } else { at.reactions.lower[strut] };
-            let direction = unit_direction(&at.motion.socket_rate(socket), epsilon);
-            out.socket_moment(values.index(FRICTION, 0), socket, direction * (-radius * force.abs()));
+            let rate = at.motion.socket_rate(socket);
+            let direction = unit_direction(&rate, epsilon);
+            out.socket_moment(values.index(FRICTION, 0), socket, &rate, direction * (-radius * force.abs()));
         }
     }
 }

@@ -32,7 +32,8 @@ impl Effect for BallSocketViscous {
 
     fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         for socket in at.closed.iter() {
-            out.socket_moment(values.index(COEFFICIENT, 0), socket, -at.motion.socket_rate(socket));
+            let rate = at.motion.socket_rate(socket);
+            out.socket_moment(values.index(COEFFICIENT, 0), socket, &rate, -rate);
         }
     }
 }

@@ -45,13 +45,13 @@ pub struct Term {
 }
 
 impl Term {
-    /// Unit of the coefficient on a machine with revolute drives: that of the place divided by that of the law.
-    pub fn unit(&self) -> Unit {
+    /// Unit of the coefficient on `machine`: that of the place divided by that of the law.
+    pub fn unit(&self, machine: Mechanism) -> Unit {
         let (force, per_law) = match self.at {
-            Place::Drive(_) => (Powers::NM, Unit::NMPerLaw),
+            Place::Drive(_) => (machine.drive_powers(Powers::NM), machine.unit(Unit::NMPerLaw)),
             Place::Platform(_) | Place::Telescope => (Powers::N, Unit::NPerLaw),
         };
-        self.law.powers().and_then(|law| force.over(law)).map_or(per_law, Unit::Derived)
+        self.law.powers(machine).and_then(|law| force.over(law)).map_or(per_law, Unit::Derived)
     }
 }
 
@@ -105,10 +105,10 @@ impl Place {
         })
     }
 
-    /// Unit of the force or torque at the place, on a machine with revolute drives.
-    pub fn unit(self) -> Unit {
+    /// Unit of the force or torque at the place on `machine`.
+    pub fn unit(self, machine: Mechanism) -> Unit {
         match self {
-            Self::Drive(_) => Unit::NM,
+            Self::Drive(_) => machine.unit(Unit::NM),
             Self::Platform(_) | Self::Telescope => Unit::N,
         }
     }
@@ -138,16 +138,16 @@ const ABOUT: About = About {
 /// The registry entry: a formula without terms.
 impl Default for Formula {
     fn default() -> Self {
-        Self::new(Vec::new(), false)
+        Self::new(Vec::new(), false, Mechanism::default())
     }
 }
 
 impl Formula {
-    /// A formula of terms, each with the typical magnitude of its coefficient (1 if given as zero).
-    pub fn new(terms: Vec<(Term, f64)>, empirical: bool) -> Self {
+    /// A formula of terms for `machine`, each with the typical magnitude of its coefficient (1 if given as zero).
+    pub fn new(terms: Vec<(Term, f64)>, empirical: bool, machine: Mechanism) -> Self {
         let parameter = |(term, size): &(Term, f64)| Parameter {
             name: Cow::Owned(term.name.clone()),
-            unit: term.unit(),
+            unit: term.unit(machine),
             count: Count::One,
             role: Role::Linear,
             default: if *size == 0.0 { 1.0 } else { size.abs() },
@@ -203,13 +203,14 @@ mod tests {
     use crate::effects::ActiveEffect;
     use crate::effects::testing;
     use crate::machine::bodies::{TELESCOPE_LOWER, TELESCOPE_UPPER};
+    use crate::machine::{Axis, Effort, Joint};
 
     fn formula(terms: &[(&str, &str)]) -> Formula {
         let term = |(i, (at, law)): (usize, &(&str, &str))| {
             let law = Expression::parse(law).unwrap();
             (Term { name: format!("term{i}"), at: Place::named(at).unwrap(), law }, 1.0)
         };
-        Formula::new(terms.iter().enumerate().map(term).collect(), false)
+        Formula::new(terms.iter().enumerate().map(term).collect(), false, Mechanism::default())
     }
 
     #[test]
@@ -240,6 +241,32 @@ mod tests {
         let motion = plant.motion(&joints).unwrap();
         let torque = crate::dynamics::inverse_dynamics(&plant, 0.0, &motion, &[&[]], false).unwrap().tau[0];
         approx::assert_relative_eq!(torque, (1.0 - 0.84f64.sqrt()) / 0.004, epsilon = 1e-9);
+    }
+
+    #[test]
+    fn units_of_coefficients_are_those_of_the_machine() {
+        let current = Mechanism::Axis(Axis { joint: Joint::Revolute, effort: Effort::Current });
+        let drive = crate::model::testing::shipped("servo-axis").drives[0];
+        for (machine, at, law, unit) in [
+            (Mechanism::default(), "drive1", "-qd1^3", "N·m·s³/rad³"),
+            (Mechanism::default(), "platform_z", "-qd1", "N·s/rad"),
+            (Mechanism::LINEAR_DELTA, "drive1", "-qd1^3", "N·s³/m³"),
+            (Mechanism::LINEAR_DELTA, "drive1", "x + qd1", "N per unit of the law"),
+            (Mechanism::LINEAR_DELTA, "drive2", "tau1", "1"),
+            (Mechanism::LINEAR_DELTA, "platform_x", "-x", "N/m"),
+            (Mechanism::LINEAR_DELTA, "platform_z", "-qd1", "N·s/m"),
+            (Mechanism::LINEAR_DELTA, "platform_z", "strut1_upper", "1"),
+            (Mechanism::axis(Joint::Prismatic), "drive1", "-qd1^3", "N·s³/m³"),
+            (current, "drive1", "-qd1", "A·s/rad"),
+            (current, "drive1", "tau1^2", "1/A"),
+        ] {
+            let law = Expression::parse(law).unwrap();
+            let term = Term { name: "c".into(), at: Place::named(at).unwrap(), law };
+            let formula = Formula::new(vec![(term, 1.0)], false, machine);
+            let host = crate::effects::Host::new(machine, &drive);
+            let parameter = host.parameter(formula.spec.acts_on, &formula.spec.parameters[0]);
+            assert_eq!(parameter.unit.to_string(), unit, "{machine:?} {at}");
+        }
     }
 
     #[test]
@@ -280,8 +307,5 @@ mod tests {
         for (i, (entry, (_, law, unit))) in active.entries().into_iter().zip(laws).enumerate() {
             assert_eq!((entry.name, entry.parameter.unit.to_string()), (format!("term{i}"), unit.to_string()), "{law}");
         }
-        let slide = Mechanism::axis(crate::machine::Joint::Prismatic);
-        let on_slide = formula(&[("drive1", "-qd1^3")]).spec().parameters[0].unit;
-        assert_eq!(slide.unit(on_slide).to_string(), "N·s³/m³");
     }
 }

@@ -13,6 +13,7 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::{Arc, LazyLock};
 
+use self::tables::{Robot, table};
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
 use crate::machine::Payload;
 use crate::machine::bodies::{ARM, Bodies, Inertia, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
@@ -114,9 +115,9 @@ const UNITS_PER_ARM: &[(Range<usize>, UnitInertia); 10] = &[
     (body(ROTOR), UnitInertia::Tensor(&[2])),
 ];
 
-/// Parameters of the eight machines with default symmetry: assembled robot with and without telescope, arms with and
-/// without rotor, robot on carriages, carriages alone, single revolute and single prismatic axis.
-static MACHINES: LazyLock<[Arc<RigidBodies>; 8]> = LazyLock::new(|| {
+/// Parameters of machines that are no assembled robot: arms with and without rotor, carriages, single revolute and single
+/// prismatic axis.
+static MACHINES: LazyLock<[Arc<RigidBodies>; 5]> = LazyLock::new(|| {
     const TURNTABLE: &[Parameter] = &[lone("inertia")];
     const SLIDE: &[Parameter] = &[lone("mass")];
     const LONE: &[(Range<usize>, UnitInertia)] = &[(body(ARM), UnitInertia::Lone)];
@@ -124,21 +125,14 @@ static MACHINES: LazyLock<[Arc<RigidBodies>; 8]> = LazyLock::new(|| {
         Cow::Owned(vec![CARRIAGE.counted(Count::PerArm)]),
         Cow::Owned((0..3).map(|i| (body(ARM + i), UnitInertia::Mass)).collect()),
     );
-    // Struts and platform as with arms that turn.
-    let on_carriages = RigidBodies::new(
-        std::iter::once(CARRIAGE).chain(PARAMETERS[3..9].iter().cloned()).collect(),
-        std::iter::once((ARMS, UnitInertia::Mass)).chain(UNITS[3..9].iter().cloned()).collect(),
-    );
-    let [whole, without_telescope, arms_and_rotor, arms, turntable, slide] = [
-        (PARAMETERS, &UNITS[..]),
-        (PARAMETERS.split_at(9).0, UNITS.split_at(9).0),
-        (PER_ARM, UNITS_PER_ARM),
+    let [arms_and_rotor, arms, turntable, slide] = [
+        (PER_ARM, &UNITS_PER_ARM[..]),
         (PER_ARM.split_at(3).0, UNITS_PER_ARM.split_at(9).0),
         (TURNTABLE, LONE),
         (SLIDE, LONE),
     ]
     .map(|(parameters, units)| RigidBodies::new(Cow::Borrowed(parameters), Cow::Borrowed(units)));
-    [whole, without_telescope, arms_and_rotor, arms, on_carriages, carriages, turntable, slide].map(Arc::new)
+    [arms_and_rotor, arms, carriages, turntable, slide].map(Arc::new)
 });
 
 const ABOUT: About = About {
@@ -157,30 +151,22 @@ impl RigidBodies {
 
     /// Parameters of a machine, `assembled` or not, with default symmetry.
     pub fn of(machine: Mechanism, assembled: bool) -> Arc<Self> {
-        let [whole, without_telescope, arms_and_rotor, arms, on_carriages, carriages, turntable, slide] = &*MACHINES;
+        Self::with(machine, assembled, LinkParameters::default())
+    }
+
+    /// Parameters of a machine with the symmetry assumptions `links`, which apply only while it is `assembled`.
+    pub fn with(machine: Mechanism, assembled: bool, links: LinkParameters) -> Arc<Self> {
+        let [arms_and_rotor, arms, carriages, turntable, slide] = &*MACHINES;
         Arc::clone(match (machine, assembled) {
-            (Mechanism::Delta { arms: Joint::Prismatic, .. }, true) => on_carriages,
+            (Mechanism::Delta { arms: Joint::Prismatic, .. }, true) => return table(Robot::Carriages, links),
+            (Mechanism::Delta { telescope: true, .. }, true) => return table(Robot::ArmsAndTelescope, links),
+            (Mechanism::Delta { telescope: false, .. }, true) => return table(Robot::Arms, links),
             (Mechanism::Delta { arms: Joint::Prismatic, .. }, false) => carriages,
-            (Mechanism::Delta { telescope: true, .. }, true) => whole,
-            (Mechanism::Delta { telescope: false, .. }, true) => without_telescope,
             (Mechanism::Delta { telescope: true, .. }, false) => arms_and_rotor,
             (Mechanism::Delta { telescope: false, .. }, false) => arms,
             (Mechanism::Axis(Axis { joint: Joint::Revolute, .. }), _) => turntable,
             (Mechanism::Axis(Axis { joint: Joint::Prismatic, .. }), _) => slide,
         })
-    }
-
-    /// Parameters of a machine with the symmetry assumptions `links`, which apply only while it is `assembled`.
-    pub fn with(machine: Mechanism, assembled: bool, links: LinkParameters) -> Arc<Self> {
-        match machine {
-            // Of carriages, all moments of inertia and the deviations of the arms do not enter.
-            Mechanism::Delta { telescope, arms: Joint::Revolute }
-                if assembled && links != LinkParameters::default() =>
-            {
-                tables::table(telescope, links)
-            }
-            _ => Self::of(machine, assembled),
-        }
     }
 
     /// Key in the table of body `b`, and positions in its array, of parameter `k`.

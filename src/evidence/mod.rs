@@ -46,6 +46,7 @@ pub mod whiten;
 #[cfg(test)]
 mod campaign;
 
+pub(crate) use compare::t_statistic;
 pub use confusion::{Confusion, confusion};
 pub use error::Error;
 pub use evaluate::evaluate;
@@ -53,4 +54,5 @@ pub(crate) use gram::dot;
 pub use problem::{Candidate, Channel, Chosen, Column, Problem, Settings, Variant};
 pub use ranking::{Absorption, Assessment, Estimate, Ranking, Visibility};
 pub use select::{Finding, Outcome, Refit, Step, select, select_with};
+pub(crate) use special::t_quantile;
 pub use stop::{NEVER, Stop};

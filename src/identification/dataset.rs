@@ -34,7 +34,7 @@ pub struct Dataset {
     pub t: Vec<f64>,
     /// Joint motion at each sample; rad (m for a linear axis), s.
     pub joints: Vec<JointState>,
-    /// Encoder angles, from which [`Self::ringing`] is computed; empty for an exact motion.
+    /// Encoder angles, from which [`Self::ringing`] is computed; empty for an exact motion and for pieces of one.
     pub readings: EncoderReadings,
     /// Measured channels.
     pub channels: Vec<Channel>,
@@ -130,6 +130,15 @@ impl Dataset {
         ringing.get_or_init(|| Angles::new(angles, &self.segments, self.dt).ringing())
     }
 
+    /// Step of an encoder whose rounding would be as large as the noise of an axis' angles, rad (m for a linear axis); zero
+    /// for an exact motion.
+    pub fn resolution(&self, axis: usize) -> f64 {
+        match &self.readings.angles[..] {
+            [] => 0.0,
+            angles => Angles::new(angles, &self.segments, self.dt).resolution(axis),
+        }
+    }
+
     /// Number of samples.
     pub fn len(&self) -> usize {
         self.t.len()
@@ -174,6 +183,23 @@ impl Dataset {
             segments: self.segments.iter().filter_map(clip).collect(),
             ..self.empty()
         }
+    }
+
+    /// The first of every `of` pieces of `length` samples, each a segment of its own, or several if it has gaps.
+    ///
+    /// # Panics
+    /// If `length` or `of` is zero.
+    pub fn sparse(&self, length: usize, of: usize) -> Self {
+        let mut sparse = self.empty();
+        for start in (0..self.len()).step_by(length * of) {
+            let piece = self.window(start..(start + length).min(self.len()));
+            let first = sparse.len();
+            sparse.t.extend(piece.t);
+            sparse.joints.extend(piece.joints);
+            sparse.measured.iter_mut().zip(piece.measured).for_each(|(all, own)| all.extend(own));
+            sparse.segments.extend(piece.segments.iter().map(|s| first + s.start..first + s.end));
+        }
+        sparse
     }
 
     /// Whether the angles of an axis are so coarse, or sampled so slowly, that its reversals are not resolved: friction

@@ -6,8 +6,6 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use super::filtering::{Kernel, MAX_HALF_WIDTH, MIN_HALF_WIDTH, half_width, noise_level};
 use super::smoother::{Likelihood, smooth, width};
 use crate::kinematics::JointState;
@@ -91,29 +89,39 @@ impl<'a> Angles<'a> {
     /// Joint states of the samples kept of each segment.
     pub fn differentiate(&self, method: Method) -> Vec<(Range<usize>, Vec<JointState>)> {
         let half_widths = self.half_widths();
-        let axes: Vec<Vec<Smoothed>> = match method {
-            Method::Paper => (0..AXES).map(|i| self.each(i, paper)).collect(),
-            Method::Polynomial => (0..AXES).map(|i| self.each(i, |x| polynomial(x, half_widths[i]))).collect(),
+        let segments = match method {
+            Method::Paper => self.joined(|i| self.each(i, paper)),
+            Method::Polynomial => self.joined(|i| self.each(i, |x| polynomial(x, half_widths[i]))),
             Method::Smoother | Method::Reversals => {
                 let jumps = Jumps { ringing: 0.0, most: JUMP[1] };
                 self.smoothed(half_widths, (method == Method::Reversals).then_some(jumps))
             }
         };
-        let stretch = |(s, stretch): (usize, &Range<usize>)| {
-            let margin = axes.iter().map(|axis| axis[s].margin).max().unwrap_or(0);
+        let inside = |(stretch, (mut states, margin)): (&Range<usize>, Segment)| {
             if stretch.len() <= 2 * margin {
                 return None;
             }
-            let kept = stretch.start + margin..stretch.end - margin;
-            let state = |k: usize| {
-                let of = |d: usize| -> [f64; AXES] {
-                    std::array::from_fn(|i| axes[i][s].values[k - stretch.start][d] / self.dt.powi(d as i32))
-                };
-                JointState { q: of(0), qd: of(1), qdd: of(2) }
-            };
-            Some((kept.clone(), kept.map(state).collect()))
+            states.truncate(stretch.len() - margin);
+            states.drain(..margin);
+            Some((stretch.start + margin..stretch.end - margin, states))
         };
-        self.stretches.iter().enumerate().filter_map(stretch).collect()
+        self.stretches.iter().zip(segments).filter_map(inside).collect()
+    }
+
+    /// Joint states of all samples of every segment from the derivatives of each axis.
+    fn joined(&self, axis: impl Fn(usize) -> Vec<Smoothed> + Sync) -> Vec<Segment> {
+        let mut segments: Vec<Segment> =
+            self.stretches.iter().map(|s| (vec![JointState::default(); s.len()], 0)).collect();
+        by_pairs(axis, |i, smoothed| {
+            for ((states, margin), own) in segments.iter_mut().zip(smoothed) {
+                *margin = (*margin).max(own.margin);
+                for (state, value) in states.iter_mut().zip(own.values) {
+                    let [q, qd, qdd]: [f64; 3] = std::array::from_fn(|d| value[d] / self.dt.powi(d as i32));
+                    (state.q[i], state.qd[i], state.qdd[i]) = (q, qd, qdd);
+                }
+            }
+        });
+        segments
     }
 
     fn angles(&self, axis: usize, stretch: &Range<usize>) -> Vec<f64> {
@@ -128,40 +136,38 @@ impl<'a> Angles<'a> {
     pub fn ringing(&self) -> Vec<JointState> {
         // Noise in q⃛ of intensity w is smoothed over about w^(−1/6) samples.
         let fastest = 6.0 * (std::f64::consts::TAU * FASTEST_RINGING * self.dt).ln();
-        let axes = self.smoothed(self.half_widths(), Some(Jumps { ringing: RINGING, most: fastest.min(JUMP[1]) }));
-        let state = |s: usize, k: usize| {
-            let of =
-                |d: usize| -> [f64; AXES] { std::array::from_fn(|i| axes[i][s].values[k][d] / self.dt.powi(d as i32)) };
-            JointState { q: of(0), qd: of(1), qdd: of(2) }
-        };
-        self.stretches
-            .iter()
-            .enumerate()
-            .flat_map(|(s, stretch)| (0..stretch.len()).map(move |k| (s, k)))
-            .map(|(s, k)| state(s, k))
-            .collect()
+        let jumps = Jumps { ringing: RINGING, most: fastest.min(JUMP[1]) };
+        let segments = self.smoothed(self.half_widths(), Some(jumps));
+        let mut states = segments.into_iter().map(|(states, _)| states);
+        let mut all = states.next().unwrap_or_default();
+        states.for_each(|more| all.extend(more));
+        all
     }
 
-    fn smoothed(&self, half_widths: [usize; AXES], jumps: Option<Jumps>) -> Vec<Vec<Smoothed>> {
-        let noisy: Vec<bool> = half_widths.iter().map(|m| *m > MIN_HALF_WIDTH).collect();
-        let readings: Vec<Readings> = (0..AXES).into_par_iter().map(|i| Readings::new(self, i)).collect();
-        let smoothed = |apart: &[Vec<bool>], turns: &[Vec<bool>], finest: [f64; AXES]| -> Vec<Vec<Smoothed>> {
-            let axis = |i: usize| match noisy[i] {
-                true => readings[i].smoothed(apart, turns, jumps.map_or(JUMP[1], |j| j.most).min(finest[i])),
-                false => self.each(i, |x| polynomial(x, half_widths[i])),
-            };
-            (0..AXES).into_par_iter().map(axis).collect()
+    fn smoothed(&self, half_widths: [usize; AXES], jumps: Option<Jumps>) -> Vec<Segment> {
+        let most = jumps.map_or(JUMP[1], |j| j.most);
+        let smoothed = |i: usize, apart: &[Vec<bool>], turns: &[Vec<bool>], finest: f64| match half_widths[i] {
+            m if m > MIN_HALF_WIDTH => Readings::new(self, i).smoothed(apart, turns, most.min(finest)),
+            m => self.each(i, |x| polynomial(x, m)),
         };
         let nowhere: Vec<Vec<bool>> = self.stretches.iter().map(|s| no_turns(s.len())).collect();
-        let first = smoothed(&nowhere, &nowhere, [JUMP[1]; AXES]);
-        let Some(jumps) = jumps else { return first };
-        let rates = |s: usize, i: usize| first[i][s].values.iter().map(|x| x[1] / self.dt).collect::<Vec<_>>();
+        let first = |i: usize| smoothed(i, &nowhere, &nowhere, JUMP[1]);
+        let Some(jumps) = jumps else { return self.joined(first) };
+        // Of the first smoothing only where axes reverse, and how finely, is kept.
+        let (mut rates, mut finest) = (vec![Vec::new(); AXES], [0.0; AXES]);
+        let known = |i: usize| {
+            let all = first(i);
+            let rates = |s: &Smoothed| s.values.iter().map(|x| x[1] / self.dt).collect::<Vec<_>>();
+            (all.iter().map(rates).collect(), self.finest_jump(i, all.iter().flat_map(|s| &s.values)))
+        };
+        by_pairs(known, |i, known| (rates[i], finest[i]) = known);
         let turning = |ringing: f64| -> Vec<Vec<bool>> {
-            let of = |s: usize| turns(&std::array::from_fn(|i| rates(s, i)), self.dt, ringing);
+            let of = |s: usize| turns(&std::array::from_fn(|i| rates[i][s].as_slice()), self.dt, ringing);
             (0..self.stretches.len()).map(of).collect()
         };
-        let finest = std::array::from_fn(|i| self.finest_jump(i, first[i].iter().flat_map(|s| &s.values)));
-        smoothed(&turning(0.0), &turning(jumps.ringing), finest)
+        let (at_once, later) = (turning(0.0), turning(jumps.ringing));
+        drop(rates);
+        self.joined(|i| smoothed(i, &at_once, &later, finest[i]))
     }
 
     /// Logarithm of the largest intensity of jumps of q̈ that the encoder of an axis resolves.
@@ -182,6 +188,18 @@ impl<'a> Angles<'a> {
         let step = self.resolution(axis);
         let samples = (2.0 * step / median(turning)).sqrt();
         if samples > COARSE { -6.0 * samples.ln() } else { JUMP[1] }
+    }
+}
+
+/// Joint states of all samples of a segment, and the number of samples at either end that are not accurate enough.
+type Segment = (Vec<JointState>, usize);
+
+/// Passes the results of all axes to `take`, made two at a time: of a long recording each is large.
+fn by_pairs<T: Send>(one: impl Fn(usize) -> T + Sync, mut take: impl FnMut(usize, T)) {
+    for i in (0..AXES).step_by(2) {
+        let (first, second) = rayon::join(|| one(i), || one(i + 1));
+        take(i, first);
+        take(i + 1, second);
     }
 }
 
@@ -208,7 +226,7 @@ fn polynomial(x: &[f64], m: usize) -> Smoothed {
 
 /// Whether q̈ may jump in each step of a segment: an axis reverses, given the rates of all axes in rad/s, or did so
 /// less than `ringing` seconds ago.
-fn turns(rates: &[Vec<f64>; AXES], dt: f64, ringing: f64) -> Vec<bool> {
+fn turns(rates: &[&[f64]; AXES], dt: f64, ringing: f64) -> Vec<bool> {
     let mut turns = no_turns(rates[0].len());
     let steps = turns.len();
     let [shortest, longest, ringing] = [JUMPING[0], JUMPING[1], ringing].map(|t| (t / dt).ceil() as usize);

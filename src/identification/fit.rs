@@ -22,6 +22,7 @@ use self::regression::Regression;
 use super::base_parameters::Structure;
 use super::consistency::complete;
 use super::normal_equations::{NormalEquations, UNIT_WEIGHTS};
+use super::prediction::is_local;
 use super::regularisation::GroupWeight;
 use super::{BaseParameter, Dataset, Residuals};
 use crate::dynamics::{Plant, PlantParameter, in_configuration};
@@ -111,6 +112,10 @@ pub struct Fit {
 /// Share of an effect's largest parameter by which another one may lie outside its range.
 const MIN_EXCESS: f64 = 0.2;
 const MIN_SAMPLES: usize = 200;
+/// Number of samples from which nonlinear parameters are first fitted to some pieces.
+const MANY_SAMPLES: usize = 20_000;
+/// Samples of a piece, and number of such pieces out of which one is taken.
+const PIECE: (usize, usize) = (256, 6);
 
 /// Fit of all parameters of `model` to the datasets with default options; `noise[dataset][channel]` are the standard
 /// deviations of the channels.
@@ -137,7 +142,8 @@ pub fn fit_with(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options
     check(datasets)?;
     let mounted = in_configuration(model, &datasets[0].setup);
     let regression = Regression::new(&mounted, datasets, noise, options)?;
-    let mut solution = regression.least_squares(mounted, UNIT_WEIGHTS)?;
+    let start = approached(&mounted, datasets, noise, options).unwrap_or(mounted);
+    let mut solution = regression.least_squares(start, UNIT_WEIGHTS)?;
     if options.robust || regression.is_clean() {
         solution = regression.reweighted(solution, options.robust)?;
     }
@@ -166,6 +172,19 @@ pub fn fit_with(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options
         residuals,
         work: regression.work.get(),
     })
+}
+
+/// Parameters of least cost over some pieces of long recordings, from which the iteration over all samples needs few steps;
+/// `None` where that saves nothing: if all parameters enter linearly, recordings are short, or the prediction at a sample
+/// depends on all those before it.
+fn approached(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options: &Options) -> Option<Model> {
+    let samples: usize = datasets.iter().map(Dataset::len).sum();
+    if samples < MANY_SAMPLES || !is_nonlinear(model) || !is_local(&Plant::new(model, &datasets[0].setup)) {
+        return None;
+    }
+    let pieces: Vec<Dataset> = datasets.iter().map(|dataset| dataset.sparse(PIECE.0, PIECE.1)).collect();
+    let regression = Regression::new(model, &pieces, noise, options).ok()?;
+    regression.least_squares(model.clone(), UNIT_WEIGHTS).ok().map(|solution| solution.model)
 }
 
 fn check(datasets: &[Dataset]) -> Result<(), FitError> {

@@ -1,6 +1,7 @@
 //! Kinds of machine, with their axes and parts.
 
 use super::Unit;
+use super::unit::Powers;
 
 /// The kind of machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -178,7 +179,17 @@ impl Mechanism {
         let unit = if joint == Joint::Prismatic { unit.on_slide() } else { unit };
         match self.effort() {
             Effort::Force => unit,
-            Effort::Current => unit.per_torque_constant(joint),
+            Effort::Current => unit.per_torque_constant(),
+        }
+    }
+
+    /// Powers of a quantity of a drive, stated for a revolute drive with known torque, on this machine's axes.
+    pub fn drive_powers(self, powers: Powers) -> Powers {
+        let joint = self.joint();
+        let powers = if joint == Joint::Prismatic { powers.on_slide() } else { powers };
+        match self.effort() {
+            Effort::Force => powers,
+            Effort::Current => powers.per_torque_constant(joint),
         }
     }
 }

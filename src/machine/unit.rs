@@ -101,7 +101,7 @@ pub enum Unit {
     AS2PerM,
     /// m/A.
     MPerA,
-    /// Unit of the coefficient or of the argument of a user-defined formula.
+    /// Unit of the coefficient or of the argument of a user-defined formula, stated for its machine.
     Derived(Powers),
     /// N per unit of a law whose unit cannot be derived.
     NPerLaw,
@@ -143,7 +143,6 @@ impl Unit {
             Self::KgM2 => Self::Kg,
             Self::GearRatio | Self::RadPerRad => Self::RadPerM,
             Self::NMPerLaw => Self::NPerLaw,
-            Self::Derived(powers) => Self::Derived(powers.on_slide()),
             Self::One
             | Self::Bit
             | Self::RadPerM
@@ -176,7 +175,8 @@ impl Unit {
             | Self::ASPerM
             | Self::AS2PerM
             | Self::MPerA
-            | Self::APerLaw => self,
+            | Self::APerLaw
+            | Self::Derived(_) => self,
         }
     }
 
@@ -184,7 +184,7 @@ impl Unit {
     /// prismatic axis: amperes replace newton metres, or newtons. Units without force or mass are unchanged.
     ///
     /// The unit must be that on an axis with this `joint`, see [`Self::on_slide`].
-    pub fn per_torque_constant(self, joint: Joint) -> Self {
+    pub fn per_torque_constant(self) -> Self {
         match self {
             Self::NM | Self::N => Self::A,
             Self::NMPerS | Self::NPerS => Self::APerS,
@@ -199,7 +199,6 @@ impl Unit {
             Self::MPerN => Self::MPerA,
             Self::PerNM2 | Self::PerN2 => Self::PerA2,
             Self::NMPerLaw | Self::NPerLaw => Self::APerLaw,
-            Self::Derived(powers) => Self::Derived(powers.per_torque_constant(joint)),
             other => other,
         }
     }
@@ -333,14 +332,14 @@ impl Powers {
     }
 
     /// Conversion to a prismatic axis, for a drive torque times powers of the angle and of time.
-    fn on_slide(self) -> Self {
+    pub(super) fn on_slide(self) -> Self {
         let Self { n, a, m, s, rad } = self;
         Self { n, a, m: m.saturating_sub(n).saturating_add(rad), s, rad: 0 }
     }
 
     /// Division by the torque constant: for a drive torque times powers of the angle and of time, N·m becomes A; with
     /// [`Self::on_slide`] before it, N does.
-    fn per_torque_constant(self, joint: Joint) -> Self {
+    pub(super) fn per_torque_constant(self, joint: Joint) -> Self {
         let Self { n, a, m, s, rad } = self;
         // The coordinate of a revolute axis is in rad: metres belong to its torque.
         let lever = if joint == Joint::Revolute { n } else { 0 };
@@ -392,7 +391,7 @@ mod tests {
     #[test]
     fn on_a_slide_metres_stand_for_radians_and_newtons_for_torques() {
         // A cubic friction torque N·m·s³/rad³ becomes N·s³/m³, a stiffness N·m/rad becomes N/m.
-        let derived = |n, m, s, rad| Unit::Derived(Powers { n, m, s, rad, a: 0 });
+        let derived = |n, m, s, rad| Powers { n, m, s, rad, a: 0 };
         assert_eq!(derived(1, 1, 3, -3).on_slide(), derived(1, -3, 3, 0));
         assert_eq!(derived(1, 1, 0, -1).on_slide().to_string(), Unit::NMPerRad.on_slide().to_string());
         assert_eq!(derived(1, 1, 0, 0).on_slide().to_string(), "N");
@@ -409,8 +408,8 @@ mod tests {
     #[test]
     fn amperes_stand_for_torques_and_forces() {
         // τ = k·i divided by k in N·m/A (or N/A): kg·m²/(N·m/A) = A·s²/rad, N·s/m/(N/A) = A·s/m.
-        let turning = |unit: Unit| unit.per_torque_constant(Joint::Revolute).to_string();
-        let sliding = |unit: Unit| unit.on_slide().per_torque_constant(Joint::Prismatic).to_string();
+        let turning = |unit: Unit| unit.per_torque_constant().to_string();
+        let sliding = |unit: Unit| unit.on_slide().per_torque_constant().to_string();
         for (unit, on_turntable, on_slide) in [
             (Unit::NM, "A", "A"),
             (Unit::NMSPerRad, "A·s/rad", "A·s/m"),
@@ -425,10 +424,12 @@ mod tests {
             assert_eq!((turning(unit).as_str(), sliding(unit).as_str()), (on_turntable, on_slide), "{unit}");
         }
         // The cubic friction N·m·s³/rad³, and a torque N·m of a formula.
-        let derived = |n, m, s, rad| Unit::Derived(Powers { n, m, s, rad, a: 0 });
-        assert_eq!(turning(derived(1, 1, 3, -3)), "A·s³/rad³");
-        assert_eq!(sliding(derived(1, 1, 3, -3)), "A·s³/m³");
-        assert_eq!((turning(derived(1, 1, 0, 0)), sliding(derived(1, 1, 0, 0))), ("A".into(), "A".into()));
+        let derived = |n, m, s, rad| Powers { n, m, s, rad, a: 0 };
+        let on_turntable = |powers: Powers| powers.per_torque_constant(Joint::Revolute).to_string();
+        let on_slide = |powers: Powers| powers.on_slide().per_torque_constant(Joint::Prismatic).to_string();
+        let cubic = derived(1, 1, 3, -3);
+        assert_eq!((on_turntable(cubic), on_slide(cubic)), ("A·s³/rad³".into(), "A·s³/m³".into()));
+        assert_eq!((on_turntable(Powers::NM), on_slide(Powers::NM)), ("A".into(), "A".into()));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{Added, Model};
+use super::{Added, Meshes, Model};
 use crate::effects::{ActiveEffect, Effects, find};
 use crate::machine::{
     Actuator, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops,
@@ -81,7 +81,7 @@ pub(crate) fn shipped(name: &str) -> Model {
             .iter()
             .map(|a| copy!(Added { effect, channels, rms_before, rms_after, noise_floor, held_out } of a.clone()))
             .collect(),
-        meshes: super::Meshes::default(),
+        meshes: Meshes::default(),
     };
     let host = model.host();
     model.effects = read

@@ -138,14 +138,21 @@ fn combine(out: &mut [f64], y: &[f64], k: &[Vec<f64>], weights: &[f64; STAGES], 
     accumulate(out, k, weights, h);
 }
 
+/// out += h·Σ w·k over the weights other than zero.
 fn accumulate(out: &mut [f64], k: &[Vec<f64>], weights: &[f64; STAGES], h: f64) {
-    for (k, w) in k.iter().zip(weights) {
-        let w = h * w;
-        if w != 0.0 {
-            for (x, d) in out.iter_mut().zip(k) {
-                *x += w * d;
-            }
-        }
+    let n = out.len();
+    let (mut factors, mut terms, mut count) = ([0.0; STAGES], [&[][..]; STAGES], 0);
+    for (k, w) in k.iter().zip(weights).filter(|(_, w)| **w != 0.0) {
+        (factors[count], terms[count]) = (h * w, &k[..n]);
+        count += 1;
+    }
+    let ([a, b, c, d], [ka, kb, kc, kd]) = (factors, terms);
+    match count {
+        0 => {}
+        1 => (0..n).for_each(|i| out[i] += a * ka[i]),
+        2 => (0..n).for_each(|i| out[i] = out[i] + a * ka[i] + b * kb[i]),
+        3 => (0..n).for_each(|i| out[i] = out[i] + a * ka[i] + b * kb[i] + c * kc[i]),
+        _ => (0..n).for_each(|i| out[i] = out[i] + a * ka[i] + b * kb[i] + c * kc[i] + d * kd[i]),
     }
 }
 

@@ -178,7 +178,7 @@ impl Report {
     }
 }
 
-/// Largest admissible energy error, relative to the work turned over. Shipped runs reach at most 3e-6; 1e-3 and more
+/// Largest admissible energy error, relative to the work turned over. Shipped runs reach at most 5e-6; 1e-3 and more
 /// means that the step is too long for the motion, or that the work of a law is not accounted for.
 pub const LARGEST_ENERGY_ERROR: f64 = 1e-3;
 

@@ -54,6 +54,33 @@ fn smoke(folder: &TempDir) -> String {
     csv
 }
 
+#[test]
+fn a_scenario_names_files_of_its_project_unless_more_is_allowed() {
+    common::at_root();
+    let folder = tempfile::tempdir().unwrap();
+    let model = "../elsewhere/axis.toml";
+    for place in ["project/models", "elsewhere"] {
+        std::fs::create_dir_all(folder.path().join(place)).unwrap();
+    }
+    std::fs::copy("models/servo-axis.toml", folder.path().join("elsewhere/axis.toml")).unwrap();
+    let text = std::fs::read_to_string("scenarios/servo-axis.toml").unwrap();
+    let (scenario, study) = (path(&folder, "project/run.toml"), path(&folder, "project/study.toml"));
+    std::fs::write(&scenario, text.replace("../models/servo-axis.toml", model)).unwrap();
+    std::fs::write(
+        &study,
+        "title = \"x\"\nscenario = \"run.toml\"\n[design]\nkind = \"grid\"\n[[factors]]\nname = \"speed\"\n\
+         key = \"speed_scale\"\nlevels = [0.5]\n",
+    )
+    .unwrap();
+    let cases: [&[&str]; 4] =
+        [&["check", &scenario], &["check", &study], &["simulate", &scenario], &["study", &study, "--run", "0"]];
+    for arguments in cases {
+        let said = refused(arguments);
+        assert!(said.contains(model) && said.contains("is outside of") && said.contains("--allow-outside"), "{said}");
+    }
+    done(&["check", &scenario, &study, "--allow-outside"]);
+}
+
 /// Torque noise at rest and from differences against each other and against the truth model's 0.5 and 0.05 N·m.
 #[test]
 fn noise_at_rest_and_from_differences_agree() {

@@ -261,7 +261,7 @@ fn mistakes_are_named() {
     let text = refused(&["exam", "models/servo-axis.toml", "-o", &root]);
     assert!(text.contains("assembled delta robot"), "{text}");
     let text = refused(&["exam", MODEL, "--duration", "0.1", "-o", &root]);
-    assert!(text.contains("--duration is 0.1"), "{text}");
+    assert!(text.contains("duration is 0.1"), "{text}");
     let text = refused(&["exam", MODEL, "--judge", &root]);
     assert!(text.contains("holds no campaign"), "{text}");
     let text = refused(&["exam", MODEL, "--judge", "/nowhere/at/all"]);

@@ -329,7 +329,7 @@ fn no_effect_of_the_catalogue_is_refused() {
         let sizer = Sizer::new(&robot, &setup, &motion, 3.0, &Channel::TORQUES, &NOISE).unwrap();
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         for effect in hideable(&model) {
-            let hidden = sizer.draw(effect.clone(), Size::Large, &mut rng).unwrap();
+            let hidden = sizer.draw(effect.clone(), Size::Large.factor(), &mut rng).unwrap();
             let mut with = robot.clone();
             with.effects.push(hidden.active);
             let recording = measured(&with, &motion, Payload::default(), seed);

@@ -8,7 +8,7 @@ use crate::json::{channel_names, estimates, insert_channels, path};
 use deltatwin::dynamics::Channel;
 use deltatwin::identification::consistency::min_eigenvalue;
 use deltatwin::identification::fit::{Moved, Unidentified};
-use deltatwin::identification::{BaseParameter, Fit};
+use deltatwin::identification::{BaseParameter, Fit, LimbTest};
 use deltatwin::machine::bodies::{Inertia, body_name};
 use deltatwin::model::Model;
 
@@ -23,6 +23,8 @@ pub struct Identification {
     pub noise_floor: Vec<f64>,
     /// RMS residual on held-out data, N·m or N; `None` without such data.
     pub held_out_rms: Option<Vec<f64>>,
+    /// Whether the data demand limbs with their own parameters; `None` if not asked or without limbs.
+    pub limbs: Option<LimbTest>,
 }
 
 impl Identification {
@@ -46,8 +48,23 @@ impl Identification {
         object.insert("min_pseudo_inertia_eigenvalue".into(), json!(min_eigenvalue(&self.fitted.model.bodies)));
         object.insert("pseudo_inertia_eigenvalues".into(), eigenvalues(&self.fitted.model));
         object.insert("consistency".into(), correction(&self.fitted));
+        object.insert("limbs".into(), self.limbs.as_ref().map_or(Value::Null, |test| self.limbs_json(test)));
         object.insert("model".into(), model.map_or(Value::Null, path));
         Value::Object(object)
+    }
+
+    fn limbs_json(&self, test: &LimbTest) -> Value {
+        let word = |own: bool| if own { "own" } else { "alike" };
+        let differing: Map<String, Value> =
+            test.differing.iter().map(|one| (one.name.clone(), json!(one.values))).collect();
+        json!({
+            "parameters": word(self.fitted.model.link_parameters.each_limb),
+            "demanded": word(test.demanded),
+            "error_own_over_alike": test.error,
+            "t": test.t,
+            "held_out": test.held_out,
+            "differing": differing,
+        })
     }
 }
 

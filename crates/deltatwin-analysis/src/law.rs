@@ -41,7 +41,7 @@ pub fn checked(machine: Mechanism, at: &str, law: &str) -> Result<(Place, Expres
         return Err(LawError { at: from..from + variable.name().len(), problem });
     }
     let term = Term { name: String::new(), at, law };
-    let unit = machine.unit(term.unit());
+    let unit = term.unit(machine);
     Ok((at, term.law, unit))
 }
 
@@ -64,7 +64,7 @@ pub fn formula(machine: Mechanism, terms: &[String]) -> Result<Arc<dyn Effect>, 
         Ok((Term { name: format!("c{}", k + 1), at, law }, 1.0))
     };
     let terms = terms.iter().enumerate().map(term).collect::<Result<Vec<_>, _>>()?;
-    Ok(Arc::new(Formula::new(terms, false)))
+    Ok(Arc::new(Formula::new(terms, false, machine)))
 }
 
 #[cfg(test)]

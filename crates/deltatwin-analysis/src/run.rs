@@ -150,7 +150,7 @@ pub fn identify(model: &Model, data: &Data) -> Result<Identification, FitError> 
     let floor = noise_floor(model, &data.datasets);
     let fitted = fit(model, &data.datasets, &vec![floor.clone(); data.datasets.len()])?;
     let held_out_rms = held_out_rms(&fitted.model, &data.held_out)?;
-    Ok(Identification { fitted, channels: data.channels().to_vec(), noise_floor: floor, held_out_rms })
+    Ok(Identification { fitted, channels: data.channels().to_vec(), noise_floor: floor, held_out_rms, limbs: None })
 }
 
 /// RMS residual on held-out recordings, N·m or N per channel; `None` without any.

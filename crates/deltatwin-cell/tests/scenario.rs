@@ -5,6 +5,7 @@ use std::path::Path;
 use deltatwin::cell::Shape;
 use deltatwin::scenario::Scenario;
 use deltatwin_cell::mesh;
+use deltatwin_io::outside::Access;
 use deltatwin_io::scenario::{ScenarioError, parse_with};
 use nalgebra::Vector3;
 
@@ -17,7 +18,7 @@ fn scenario(more: &str) -> String {
 }
 
 fn parse(more: &str) -> Result<Scenario, ScenarioError> {
-    parse_with(&scenario(more), Path::new("test.toml"), mesh::read)
+    parse_with(&scenario(more), Path::new("test.toml"), Access::with(mesh::read))
 }
 
 /// A pyramid with a base of 60 mm × 60 mm centred at the origin and a height of 40 mm, in mm.

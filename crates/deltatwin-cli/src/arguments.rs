@@ -20,9 +20,6 @@ pub struct Cli {
     /// Longest time of the command, s; what was written until then is kept.
     #[arg(long, global = true, value_name = "SECONDS", value_parser = positive)]
     pub time_limit: Option<f64>,
-    /// Read files that scenarios and studies name outside of their project too, the folder with their `models/`.
-    #[arg(long, global = true)]
-    pub allow_outside: bool,
 }
 
 /// One variant per command.

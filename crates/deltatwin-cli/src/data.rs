@@ -5,7 +5,23 @@ use std::path::{Path, PathBuf};
 pub use deltatwin_analysis::{Data, Inputs};
 
 use deltatwin::machine::Mechanism;
+use deltatwin_io::outside::Access;
 use deltatwin_io::recording::{Mapping, Reading};
+
+/// What the scenarios, studies and paths of a command may name.
+#[derive(clap::Args, Clone, Copy, Debug)]
+pub struct Outside {
+    /// Read files that scenarios and studies name outside of their project too, the folder with their `models/`.
+    #[arg(long)]
+    pub allow_outside: bool,
+}
+
+impl Outside {
+    /// Access to the files that are named, solids among them.
+    pub fn access(self) -> Access {
+        Access { meshes: deltatwin_cell::mesh::read, anywhere: self.allow_outside }
+    }
+}
 
 /// What several commands take as data.
 #[derive(clap::Args, Clone, Debug)]

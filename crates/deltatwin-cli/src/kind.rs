@@ -12,6 +12,7 @@ use deltatwin::planner::Limits;
 use deltatwin::recording::Recording;
 use deltatwin_analysis::data::warning;
 use deltatwin_io::kind::{Kind, kind};
+use deltatwin_io::outside::Access;
 use deltatwin_io::recording::setup;
 use deltatwin_io::recording::{self, Reading};
 use deltatwin_io::{model, scenario, study};
@@ -31,11 +32,12 @@ pub struct Verified {
     pub gate: Option<Vec<Finding>>,
 }
 
-/// Validates a file of any kind; recordings are read as specified by `how` and compared with `model`.
+/// Validates a file of any kind with `access` to the files it names; recordings are read as specified by `how` and compared
+/// with `model`.
 ///
 /// # Errors
 /// The first error of the file.
-pub fn check_as(path: &Path, how: &Reading, model: Option<&Model>) -> miette::Result<Verified> {
+pub fn check_as(path: &Path, access: Access, how: &Reading, model: Option<&Model>) -> miette::Result<Verified> {
     let kind = kind(path)?;
     if kind == Kind::Recording {
         let (summary, warnings, gate) = recording(path, how, model)?;
@@ -43,17 +45,17 @@ pub fn check_as(path: &Path, how: &Reading, model: Option<&Model>) -> miette::Re
     }
     let (summary, warnings) = match kind {
         Kind::Model => (summary(&model::read(path)?), Vec::new()),
-        Kind::Scenario => (scenario(path)?, Vec::new()),
-        Kind::Study => (study(path)?, Vec::new()),
-        Kind::Path => (planned_path(path)?, Vec::new()),
+        Kind::Scenario => (scenario(path, access)?, Vec::new()),
+        Kind::Study => (study(path, access)?, Vec::new()),
+        Kind::Path => (planned_path(path, access)?, Vec::new()),
         Kind::Setup => (setup(&setup::read(path)?), Vec::new()),
         Kind::Recording => unreachable!("recordings are done with above"),
     };
     Ok(Verified { kind, summary, warnings, gate: None })
 }
 
-fn scenario(path: &Path) -> miette::Result<String> {
-    let scenario = scenario::read_with(path, deltatwin_cell::mesh::read)?;
+fn scenario(path: &Path, access: Access) -> miette::Result<String> {
+    let scenario = scenario::read_with(path, access)?;
     let machine = model::read(&scenario.model)?;
     let controller = scenario.controller_model.as_deref().map(model::read).transpose()?;
     let planning = controller.as_ref().unwrap_or(&machine);
@@ -70,8 +72,8 @@ fn scenario(path: &Path) -> miette::Result<String> {
     ))
 }
 
-fn study(path: &Path) -> miette::Result<String> {
-    let study = study::read(path, deltatwin_cell::mesh::read)?;
+fn study(path: &Path, access: Access) -> miette::Result<String> {
+    let study = study::read(path, access)?;
     if study.experiment.is_some() {
         let experiments = Experiments::new(study, Path::new(""))?;
         return Ok(format!("experiments of the diagnosis, {} of them.", experiments.runs()));
@@ -89,8 +91,8 @@ fn study(path: &Path) -> miette::Result<String> {
     ))
 }
 
-fn planned_path(path: &Path) -> miette::Result<String> {
-    let task = deltatwin_io::plan::read_with(path, Limits::NONE, deltatwin_cell::mesh::read)?;
+fn planned_path(path: &Path, access: Access) -> miette::Result<String> {
+    let task = deltatwin_io::plan::read_with(path, Limits::NONE, access)?;
     let curve = task.shape.curve();
     let [from, to] = [0.0, curve.end()].map(|s| curve.at(s)[0]);
     Ok(format!(
@@ -131,7 +133,11 @@ type Verdict = (String, Vec<String>, Option<Vec<Finding>>);
 
 fn recording(path: &Path, how: &Reading, model: Option<&Model>) -> miette::Result<Verdict> {
     let (recording, mut warnings) = recording::read_as(path, how)?;
-    let dataset = Dataset::new(&recording);
+    let mut dataset = Dataset::new(&recording);
+    if model.is_none() {
+        // For a model with elastic gears; of a long recording they are large.
+        dataset.readings = Default::default();
+    }
     let gate = model.map(|m| examine(m, &dataset));
     // What the gate has said about an axis with the model's help is not said again.
     let said = |f: &Finding| gate.iter().flatten().any(|g| g.axis == f.axis && g.problem == f.problem);

@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use deltatwin::effects::formula::Expression;
+use deltatwin::machine::Mechanism;
 use deltatwin::planner::Limits;
+use deltatwin_io::outside::Access;
 use deltatwin_io::{model, plan, recording, scenario, study};
 
 /// A reader, which must return whatever it is given.
@@ -34,7 +36,7 @@ pub const TARGETS: [Target; 8] = [
         file: "scenarios/mutated.toml",
         seeds: &["scenarios"],
         read: |file| {
-            if let Ok(scenario) = scenario::read_with(file, deltatwin_cell::mesh::read)
+            if let Ok(scenario) = scenario::read_with(file, Access::with(deltatwin_cell::mesh::read))
                 && let Ok(model) = model::read(&scenario.model)
             {
                 let _ = scenario.motion(&model);
@@ -45,7 +47,7 @@ pub const TARGETS: [Target; 8] = [
         name: "study",
         file: "scenarios/studies/mutated.toml",
         seeds: &["scenarios/studies"],
-        read: |file| drop(study::read(file, deltatwin_cell::mesh::read)),
+        read: |file| drop(study::read(file, Access::with(deltatwin_cell::mesh::read))),
     },
     Target {
         name: "path",
@@ -55,7 +57,7 @@ pub const TARGETS: [Target; 8] = [
             "scenarios/failures/bulky-path.toml",
             "scenarios/failures/believed-path.toml",
         ],
-        read: |file| drop(plan::read_with(file, Limits::NONE, deltatwin_cell::mesh::read)),
+        read: |file| drop(plan::read_with(file, Limits::NONE, Access::with(deltatwin_cell::mesh::read))),
     },
     Target {
         name: "setup",
@@ -71,7 +73,7 @@ pub const TARGETS: [Target; 8] = [
             let Ok(text) = std::fs::read_to_string(file) else { return };
             if let Ok(expression) = Expression::parse(&text) {
                 let _ = expression.value(|_| 1.5);
-                let _ = expression.powers();
+                let _ = expression.powers(Mechanism::default());
             }
         },
     },

@@ -1,33 +1,48 @@
-//! Whether files may name files anywhere.
-//!
-//! A program that runs files of others forbids it: then what a file names must be in its own project, which is the nearest
-//! of its folders with `models/` in it, else its own folder, or in the folder in which the program runs.
+//! What a file that names other files may reach.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 
-static FORBIDDEN: AtomicBool = AtomicBool::new(false);
+use deltatwin::cell::{MeshReader, no_meshes};
 
 /// Number of folders above a file in which `models/` is looked for.
 const HEIGHT: usize = 4;
 
-/// Refuses from now on files that name others outside of their project.
-pub fn forbid() {
-    FORBIDDEN.store(true, Ordering::Relaxed);
+/// Which files a scenario, study or path may name, and who reads the solids among them.
+#[derive(Clone, Copy, Debug)]
+pub struct Access {
+    /// Reader of the solids.
+    pub meshes: MeshReader,
+    /// Whether files anywhere may be named. A program that runs files of others does not allow it: then what a file names
+    /// must be in its own project, which is the nearest of its folders with `models/` in it, else its own folder, or in
+    /// the folder in which the program runs.
+    pub anywhere: bool,
 }
 
-/// Checks that the file `by` may name the file `named`.
-///
-/// # Errors
-/// Where it is, and where it was expected.
-pub(crate) fn check(by: &Path, named: &Path) -> Result<(), String> {
-    // What does not exist is an error of its own.
-    let Ok(place) = named.canonicalize() else { return Ok(()) };
-    if !FORBIDDEN.load(Ordering::Relaxed) || homes(by).iter().any(|home| place.starts_with(home)) {
-        return Ok(());
+impl Access {
+    /// Files anywhere, without solids.
+    pub const PLAIN: Self = Self { meshes: no_meshes, anywhere: true };
+
+    /// Files of the own project, without solids.
+    pub const PROJECT: Self = Self { meshes: no_meshes, anywhere: false };
+
+    /// Files anywhere, with `meshes` as reader of the solids.
+    pub fn with(meshes: MeshReader) -> Self {
+        Self { meshes, anywhere: true }
     }
-    let project = homes(by).first().map_or(String::new(), |home| home.display().to_string());
-    Err(format!("is outside of {project}; expected a file there, or --allow-outside"))
+
+    /// Checks that the file `by` may name the file `named`.
+    ///
+    /// # Errors
+    /// Where it is, and where it was expected.
+    pub(crate) fn check(&self, by: &Path, named: &Path) -> Result<(), String> {
+        // What does not exist is an error of its own.
+        let Ok(place) = named.canonicalize() else { return Ok(()) };
+        if self.anywhere || homes(by).iter().any(|home| place.starts_with(home)) {
+            return Ok(());
+        }
+        let project = homes(by).first().map_or(String::new(), |home| home.display().to_string());
+        Err(format!("is outside of {project}; expected a file there, or --allow-outside"))
+    }
 }
 
 /// The folders in which files named by `by` may be, its project first.
@@ -54,5 +69,13 @@ mod tests {
         }
         assert_eq!(homes(&root.join("project/scenarios/failures/run.toml"))[0], root.join("project"));
         assert_eq!(homes(&root.join("other/run.toml"))[0], root.join("other"));
+        let named = root.join("other/model.toml");
+        std::fs::write(&named, "").unwrap();
+        let inside = Access::PROJECT;
+        let by = |name: &str| root.join(name);
+        assert_eq!(inside.check(&by("other/run.toml"), &named), Ok(()));
+        let refused = inside.check(&by("project/scenarios/run.toml"), &named).unwrap_err();
+        assert!(refused.contains("project; expected a file there, or --allow-outside"), "{refused}");
+        assert_eq!(Access::PLAIN.check(&by("project/scenarios/run.toml"), &named), Ok(()));
     }
 }

@@ -12,10 +12,10 @@ use toml::Spanned;
 use toml::de::DeValue;
 
 use crate::kind;
+use crate::outside::Access;
 use crate::scenario::ScenarioError;
 use crate::scenario::read::cell::{LoadKeys, payload};
 use crate::source::{Checked, Interval, Source};
-use deltatwin::cell::{MeshReader, no_meshes};
 
 type Result<T> = std::result::Result<T, ScenarioError>;
 
@@ -94,21 +94,21 @@ const WITHOUT_JERK: usize = 1000;
 /// Smallest distance between consecutive waypoints, m.
 const NEAREST: f64 = 1e-3;
 
-/// Reads a path file without meshes; limits that it omits are taken from `given`.
+/// Reads a path file without solids; limits that it omits are taken from `given`.
 ///
 /// # Errors
 /// A [`ScenarioError`]: the file cannot be read, or the first error in it, with its position.
 pub fn read(path: &Path, given: Limits) -> Result<Task> {
-    read_with(path, given, no_meshes)
+    read_with(path, given, Access::PLAIN)
 }
 
-/// Reads a path file like [`read`], with `meshes` as reader of the payload's solid.
+/// Reads a path file like [`read`], with `access` to the files it names.
 ///
 /// # Errors
 /// As for [`read`].
-pub fn read_with(path: &Path, given: Limits, meshes: MeshReader) -> Result<Task> {
+pub fn read_with(path: &Path, given: Limits, access: Access) -> Result<Task> {
     let text = ScenarioError::text(path)?;
-    parse_with(&text, path, given, meshes).map_err(|e| e.unless_other(kind::Kind::Path, &text, path))
+    parse_with(&text, path, given, access).map_err(|e| e.unless_other(kind::Kind::Path, &text, path))
 }
 
 /// Reads a path file from `text`; `path` is named in errors.
@@ -116,11 +116,11 @@ pub fn read_with(path: &Path, given: Limits, meshes: MeshReader) -> Result<Task>
 /// # Errors
 /// The first error in the text, with its position.
 pub fn parse(text: &str, path: &Path, given: Limits) -> Result<Task> {
-    parse_with(text, path, given, no_meshes)
+    parse_with(text, path, given, Access::PLAIN)
 }
 
-fn parse_with(text: &str, path: &Path, given: Limits, meshes: MeshReader) -> Result<Task> {
-    let file = &Source { meshes, ..Source::new(path.display(), text) };
+fn parse_with(text: &str, path: &Path, given: Limits, access: Access) -> Result<Task> {
+    let file = &Source { access, ..Source::new(path.display(), text) };
     let (document, shape) = file.document::<Document>("path")?;
     let Some(shape) = shape else {
         return Err(file.problem(0..0, "[path] is missing; expected the path to follow".into()).into());

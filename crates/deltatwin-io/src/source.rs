@@ -5,7 +5,6 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use deltatwin::cell::{MeshReader, no_meshes};
 use deltatwin::machine::{AXES, Payload};
 use deltatwin::text::nearest;
 use miette::{Diagnostic, NamedSource, SourceSpan};
@@ -15,7 +14,7 @@ use thiserror::Error;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue, Deserializer, ValueDeserializer};
 
-use crate::outside;
+use crate::outside::Access;
 
 /// An error in a text file.
 #[derive(Clone, Debug, Error, Diagnostic)]
@@ -91,13 +90,13 @@ pub(crate) struct Source<'a> {
     /// Name of the file in errors.
     pub name: String,
     pub text: &'a str,
-    /// Reader of the solids that the file names.
-    pub meshes: MeshReader,
+    /// What the file may name.
+    pub access: Access,
 }
 
 impl<'a> Source<'a> {
     pub fn new(name: impl fmt::Display, text: &'a str) -> Self {
-        Self { name: name.to_string(), text, meshes: no_meshes }
+        Self { name: name.to_string(), text, access: Access::PLAIN }
     }
 
     /// An error about the text at `span`.
@@ -195,8 +194,8 @@ impl<'a> Source<'a> {
 
     /// Checks that this file may name the file `target` by the key `key`.
     pub fn may_name(&self, key: &str, name: &Spanned<String>, target: &Path) -> Checked<()> {
-        outside::check(Path::new(&self.name), target)
-            .map_err(|what| self.problem(name.span(), format!("`{key}` is \"{}\", which {what}", name.get_ref())))
+        let check = self.access.check(Path::new(&self.name), target);
+        check.map_err(|what| self.problem(name.span(), format!("`{key}` is \"{}\", which {what}", name.get_ref())))
     }
 
     /// A number, which must be within `interval`.

@@ -15,6 +15,7 @@ use std::time::{Duration, Instant};
 use deltatwin::dynamics::Plant;
 use deltatwin::scenario::Scenario;
 use deltatwin::twin::{NewContacts, Options, Watcher, simulate};
+use deltatwin_io::outside::Access;
 use deltatwin_io::{model, scenario};
 use deltatwin_rerun::scene::{Assets, Viewer};
 use deltatwin_rerun::show::Stage;
@@ -29,7 +30,7 @@ const TURNS: usize = 5;
 
 fn main() -> miette::Result<()> {
     let file = std::env::args().nth(1).unwrap_or_else(|| "scenarios/excitation.toml".into());
-    let scenario = scenario::read_with(Path::new(&file), deltatwin_cell::mesh::read)?;
+    let scenario = scenario::read_with(Path::new(&file), Access::with(deltatwin_cell::mesh::read))?;
     let server = || WebViewer::start().map_err(|e| miette!("{e}"));
     cost(&scenario, &server()?)?;
     latency(&scenario, &server()?)

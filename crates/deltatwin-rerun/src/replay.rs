@@ -17,6 +17,7 @@ use deltatwin::machine::bodies::BODIES;
 use deltatwin::machine::{AXES, Mechanism, STRUTS, Unit};
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
+use deltatwin_io::outside::Access;
 
 /// Frame rate of the moving robot, Hz.
 const FRAMES: f64 = 50.0;
@@ -40,6 +41,8 @@ pub struct Replay<'a> {
     pub model: &'a Model,
     /// A later model, whose residual is shown beside.
     pub beside: Option<&'a Model>,
+    /// Where the meshes that the model names may be.
+    pub access: Access,
 }
 
 impl Replay<'_> {
@@ -48,7 +51,7 @@ impl Replay<'_> {
     /// # Errors
     /// If the prediction or the kinematics fail, or the file cannot be written.
     pub fn write(&self, path: &Path) -> miette::Result<()> {
-        let (plant, assets) = (Plant::new(self.model, &self.recording.setup), Assets::of(self.model)?);
+        let (plant, assets) = (Plant::new(self.model, &self.recording.setup), Assets::of(self.model, self.access)?);
         write_rrd(path, &self.recording.name, &self.scene(&plant, &assets)?).into_diagnostic()
     }
 
@@ -58,7 +61,7 @@ impl Replay<'_> {
     /// # Errors
     /// If the prediction or the kinematics fail, or the viewer does not answer.
     pub fn stream(&self, viewer: &Viewer, pace: Option<f64>, goes_on: &dyn Fn() -> bool) -> miette::Result<()> {
-        let (plant, assets) = (Plant::new(self.model, &self.recording.setup), Assets::of(self.model)?);
+        let (plant, assets) = (Plant::new(self.model, &self.recording.setup), Assets::of(self.model, self.access)?);
         let scene = self.scene(&plant, &assets)?;
         let (Some(&first), Some(&last)) = (scene.times.first(), scene.times.last()) else {
             return Err(miette!("{}: has no frames", self.recording.name));

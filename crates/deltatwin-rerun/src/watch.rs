@@ -12,6 +12,7 @@ use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::machine::{AXES, Setup, Unit};
 use deltatwin::model::Model;
 use deltatwin::monitoring::Observation;
+use deltatwin_io::outside::Access;
 
 /// Number of windows that wait.
 const QUEUE: usize = 10;
@@ -38,7 +39,7 @@ impl Broadcast {
     /// # Errors
     /// If no viewer answers or none can be started.
     pub fn open(viewer: &Viewer, model: &Model, setup: &Setup) -> Result<Self, String> {
-        let assets = Assets::of(model).map_err(|e| format!("{e:#}"))?;
+        let assets = Assets::of(model, Access::PROJECT).map_err(|e| format!("{e:#}"))?;
         let shown = Shown { plant: Plant::new(model, setup), hold: model.sockets.dislocation_force, assets };
         let live = Live::open(viewer, "watch", &shown.layout(&model.name)).map_err(|e| e.to_string())?;
         let (queue, waiting) = sync_channel(QUEUE);

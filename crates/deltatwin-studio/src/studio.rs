@@ -17,9 +17,12 @@ use crate::stage::{self, Outcome};
 use crate::upload::{self, Kept};
 
 /// Models that come with the program, by the names of their files.
-pub const SHIPPED: [(&str, &str); 6] = [
+pub const SHIPPED: [(&str, &str); 9] = [
     ("irb360-6-1600.toml", include_str!("../../../models/irb360-6-1600.toml")),
     ("irb360-1-1130.toml", include_str!("../../../models/irb360-1-1130.toml")),
+    ("irb360-3-1130.toml", include_str!("../../../models/irb360-3-1130.toml")),
+    ("irb360-8-1130.toml", include_str!("../../../models/irb360-8-1130.toml")),
+    ("irb360-1-1600.toml", include_str!("../../../models/irb360-1-1600.toml")),
     ("irb360-6-1600-disassembled.toml", include_str!("../../../models/irb360-6-1600-disassembled.toml")),
     ("clavel-delta.toml", include_str!("../../../models/clavel-delta.toml")),
     ("linear-delta.toml", include_str!("../../../models/linear-delta.toml")),

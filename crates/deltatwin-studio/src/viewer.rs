@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::sync::OnceLock;
 
+use deltatwin_io::outside::Access;
 use deltatwin_io::{model, recording};
 use deltatwin_rerun::replay::Replay;
 use miette::miette;
@@ -82,7 +83,7 @@ pub(crate) fn write(task: &Task, index: Option<usize>) -> miette::Result<Shown> 
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(|e| miette!("{}: {e}", folder.display()))?;
     }
-    Replay { recording: &recording, model, beside }.write(&path)?;
+    Replay { recording: &recording, model, beside, access: Access::PROJECT }.write(&path)?;
     let mut words = vec!["deltatwin", "replay", named.as_str(), "--model", parent.unwrap_or(&version.file)];
     if parent.is_some() {
         words.extend(["--beside", version.file.as_str()]);

@@ -9,6 +9,7 @@ use deltatwin::cell::Shape;
 use deltatwin::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use deltatwin::machine::{ARMS, Geometry, STRUTS};
 use deltatwin::twin::Frame;
+use deltatwin_io::outside::Access;
 use deltatwin_io::{model, scenario};
 use deltatwin_study::run::{Case, Keep, Outcome, run};
 use miette::{IntoDiagnostic, Result, miette};
@@ -115,7 +116,7 @@ fn main() -> Result<()> {
     let mut rows = String::new();
     let (mut width, mut top) = (0.0f64, 0.0);
     for file in arguments.map(PathBuf::from) {
-        let scenario = scenario::read_with(&file, deltatwin_cell::mesh::read)?;
+        let scenario = scenario::read_with(&file, Access::with(deltatwin_cell::mesh::read))?;
         let controller_model = scenario.controller_model.as_deref().map(model::read).transpose()?;
         let base = file.parent().unwrap_or(Path::new(".")).to_path_buf();
         let case = Case { model: model::read(&scenario.model)?, controller_model, scenario, base };

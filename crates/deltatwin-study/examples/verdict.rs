@@ -5,13 +5,14 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use deltatwin_io::outside::Access;
 use deltatwin_io::{model, scenario};
 use deltatwin_study::run::{Case, Keep, run};
 use miette::{IntoDiagnostic, Result};
 
 fn main() -> Result<()> {
     for file in std::env::args_os().skip(1).map(PathBuf::from) {
-        let scenario = scenario::read_with(&file, deltatwin_cell::mesh::read)?;
+        let scenario = scenario::read_with(&file, Access::with(deltatwin_cell::mesh::read))?;
         let controller_model = scenario.controller_model.as_deref().map(model::read).transpose()?;
         let base = file.parent().unwrap_or(Path::new(".")).to_path_buf();
         let case = Case { model: model::read(&scenario.model)?, controller_model, scenario, base };

@@ -55,7 +55,9 @@ impl Search<'_> {
         self.start = self.judge.fit(&model)?;
         self.fits = Fits::default();
         if !self.judge.fitting.is_late() {
-            self.problem = self.judge.fitting.problem(&self.start.fit, self.candidates, self.edges)?;
+            let fit = &self.start.fit;
+            let late = delay(&fit.model).expect("just added");
+            self.problem = self.judge.fitting.delayed(&self.without_lag.1, fit, late, self.edges)?;
         }
         Ok(())
     }
@@ -83,11 +85,19 @@ impl Search<'_> {
     /// it is computed during the period before it acts.
     pub(super) fn recorded_lag(&self, fit: &Fit) -> Option<ActiveEffect> {
         let late = delay(&fit.model)?;
-        let own = fit.parameters.iter().find(|p| p.param.effect == DELAY);
-        let std = own.map(|p| p.std).filter(|std| std.is_finite()).unwrap_or(0.0);
+        let std = std_of_delay(fit);
         let period = self.judge.fitting.datasets[0].dt;
         let most = if late.values[0] < 0.0 { 1.5 * period } else { 0.5 * period };
         (late.values[0].abs() < most + 3.0 * std).then(|| late.clone())
+    }
+
+    /// Whether `name` is a filter of the torque with which the recorder's delay is earlier than a held command: both together
+    /// are the smoothing of the angles, which the torque lacks.
+    pub(super) fn is_smoothing(&self, fit: &Fit, name: &str) -> bool {
+        let filters = fit.model.effects.iter().any(|a| a.effect.name() == name && a.sensor_memory() > 0.0);
+        let held = -0.5 * self.judge.fitting.datasets[0].dt;
+        let early = delay(&fit.model).is_some_and(|late| late.values[0] + 3.0 * std_of_delay(fit) < held);
+        self.lag == Lag::InModel && filters && early
     }
 
     /// Whether `name` is a delay by which the torques are recorded earlier than any controller holds or computes them. With
@@ -95,6 +105,12 @@ impl Search<'_> {
     pub(super) fn is_too_early(&self, fit: &Fit, name: &str) -> bool {
         name == DELAY && self.recorded_lag(fit).is_none() && delay(&fit.model).is_some_and(|late| late.values[0] < 0.0)
     }
+}
+
+/// Standard error of the delay in a fit, s; zero if it is not estimated.
+fn std_of_delay(fit: &Fit) -> f64 {
+    let own = fit.parameters.iter().find(|p| p.param.effect == DELAY);
+    own.map(|p| p.std).filter(|std| std.is_finite()).unwrap_or(0.0)
 }
 
 fn delay(model: &Model) -> Option<&ActiveEffect> {

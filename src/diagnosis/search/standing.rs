@@ -3,8 +3,14 @@
 use super::Search;
 use super::models::without_effects;
 use crate::diagnosis::judge::{Judged, relative_energy};
+use crate::effects::Role;
 use crate::evidence::{Chosen, Outcome, Settings};
+use crate::identification::Dataset;
 use crate::identification::fit::{Fit, FitError};
+use crate::machine::Unit;
+
+/// Steps of the measured angle over which a law must change to be told from the steps.
+const RESOLVED: f64 = 2.0;
 
 /// Effects confirmed by the validation data.
 pub(super) struct Standing {
@@ -34,9 +40,8 @@ impl Search<'_> {
     /// RMS residuals without each of the chosen effects, or the name of the weakest that is not confirmed.
     fn stand(&self, chosen: &[Chosen], end: &Judged) -> Result<Result<Vec<Vec<f64>>, String>, FitError> {
         let name = |c: &Chosen| self.shape(c).effect.name();
-        if let Some(c) =
-            chosen.iter().find(|c| is_impossible(&end.fit, name(c)) || self.is_too_early(&end.fit, name(c)))
-        {
+        let is_refused = |c: &&Chosen| self.is_too_early(&end.fit, name(c)) || self.is_no_law(&end.fit, name(c));
+        if let Some(c) = chosen.iter().find(is_refused) {
             return Ok(Err(name(c).into()));
         }
         // A fit that leaves more than the start has diverged, with a column that the data hardly determine.
@@ -64,13 +69,36 @@ impl Search<'_> {
         Ok(weakest.map_or(Ok(all), |(_, name)| Err(name.into())))
     }
 
+    /// Whether what a fit says of an effect is no law of the machine: impossible values, or what the derivatives of the
+    /// angles leave.
+    fn is_no_law(&self, fit: &Fit, name: &str) -> bool {
+        is_impossible(fit, name) || self.is_unresolved(fit, name) || self.is_smoothing(fit, name)
+    }
+
+    /// Whether the law of an effect changes over an angle that the measured angles do not resolve: their steps, smoothed,
+    /// change friction at reversals as well.
+    fn is_unresolved(&self, fit: &Fit, name: &str) -> bool {
+        let datasets = self.judge.fitting.datasets;
+        let drives = datasets[0].channels.iter().filter_map(|c| c.drive());
+        // The axis that resolves most tells it.
+        let finest = |dataset: &Dataset| drives.clone().map(|i| dataset.resolution(i)).fold(f64::INFINITY, f64::min);
+        let angles = fit.model.effects.iter().filter(|a| a.effect.name() == name).flat_map(|active| {
+            let entries = active.entries().into_iter().zip(&active.values);
+            let angles = entries.filter(|(e, _)| e.parameter.role == Role::Shape && e.parameter.unit == Unit::Rad);
+            angles.map(|(_, value)| *value).collect::<Vec<f64>>()
+        });
+        let resolution = datasets.iter().map(finest).fold(0.0, f64::max);
+        angles.fold(f64::INFINITY, f64::min) < RESOLVED * resolution
+    }
+
     /// Fit with the longest leading sequence of chosen effects that are each confirmed given the previous ones, and
     /// the RMS residuals before each addition.
     fn longest_standing(&self, chosen: &[Chosen]) -> Result<(Judged, Vec<Vec<f64>>), FitError> {
         let (mut end, mut without) = (self.start.clone(), Vec::new());
         for (k, c) in chosen.iter().enumerate() {
             let Ok(next) = self.refit(&chosen[..=k], None) else { break };
-            if is_impossible(&next.fit, self.shape(c).effect.name()) || !self.judge.confirms(&end, &next)? {
+            let name = self.shape(c).effect.name();
+            if self.is_no_law(&next.fit, name) || !self.judge.confirms(&end, &next)? {
                 break;
             }
             without.push(std::mem::replace(&mut end, next).rms().to_vec());

@@ -131,7 +131,7 @@ pub(super) fn explain(
         shares: search.shares(choice.formula.gain()),
         left: choice.left.clamp(0.0, 1.0),
         shape: Shape::new(&search.find, terms, place, base.mechanism),
-        unit: base.mechanism.unit(search.find.places[place].unit()),
+        unit: search.find.places[place].unit(base.mechanism),
         terms: estimates(&fit),
         beside_named: choice.keeps_named && named > 0,
         replaces: choice.replaces,
@@ -205,7 +205,7 @@ pub(super) fn look(judged: &Judged, judge: &Judge, drive: usize) -> Result<Optio
     Ok(Some(Rest {
         location: sight.places[place].region(),
         shape: Shape::new(&sight, &[], place, model.mechanism),
-        unit: model.mechanism.unit(sight.places[place].unit()),
+        unit: sight.places[place].unit(model.mechanism),
     }))
 }
 
@@ -333,9 +333,8 @@ fn with_formula(base: &Model, sight: &Sight, terms: &[Found]) -> Model {
     }
     let values: Vec<[f64; 1]> = all.iter().map(|(_, c)| [*c]).collect();
     let blocks: Vec<&[f64]> = values.iter().map(|v| &v[..]).collect();
-    model
-        .effects
-        .push(ActiveEffect { host: model.host(), ..ActiveEffect::new(Arc::new(Formula::new(all, true)), &blocks) });
+    let formula = Arc::new(Formula::new(all, true, model.mechanism));
+    model.effects.push(ActiveEffect { host: model.host(), ..ActiveEffect::new(formula, &blocks) });
     model
 }
 

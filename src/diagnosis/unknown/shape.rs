@@ -87,7 +87,7 @@ impl Shape {
         let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len().max(1) as f64;
         Self {
             variable: best.name(),
-            variable_unit: Some(machine.unit(best.unit())),
+            variable_unit: Some(best.unit(machine)),
             low: bins.mean.iter().zip(&band).map(|(m, b)| m - b).collect(),
             high: bins.mean.iter().zip(&band).map(|(m, b)| m + b).collect(),
             odd,

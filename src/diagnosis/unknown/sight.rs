@@ -133,7 +133,7 @@ fn mounted(machine: Mechanism, assembled: bool) -> Vec<Place> {
 fn unit_forces(places: &[Place], plant: &Plant) -> ActiveEffect {
     let one = || Expression::parse("1").expect("a number");
     let term = |place: &Place| (Term { name: place.name().into(), at: *place, law: one() }, 1.0);
-    let formula = Formula::new(places.iter().map(term).collect(), true);
+    let formula = Formula::new(places.iter().map(term).collect(), true, plant.mechanism);
     ActiveEffect::absent_on(Arc::new(formula), plant.host)
 }
 

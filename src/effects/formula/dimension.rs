@@ -97,6 +97,7 @@ impl Dimension {
 #[cfg(test)]
 mod tests {
     use crate::effects::formula::Expression;
+    use crate::machine::Mechanism;
 
     #[test]
     fn units_of_laws() {
@@ -123,7 +124,7 @@ mod tests {
             ("(((x^64)^64)^64)", "unknown"),
             ("vx/vy", "1"),
         ] {
-            let powers = Expression::parse(law).unwrap().powers();
+            let powers = Expression::parse(law).unwrap().powers(Mechanism::default());
             assert_eq!(powers.map_or("unknown".to_string(), |p| p.to_string()), unit, "{law}");
         }
     }

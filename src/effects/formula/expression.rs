@@ -8,6 +8,7 @@ use std::ops::Range;
 
 use super::dimension::{Dimension, Yields};
 use super::variables::Variable;
+use crate::machine::Mechanism;
 use crate::machine::unit::Powers;
 use crate::text::nearest;
 
@@ -135,8 +136,8 @@ impl Expression {
         stack[0]
     }
 
-    /// Unit of the value as powers of N, m, s and rad; `None` if undetermined.
-    pub fn powers(&self) -> Option<Powers> {
+    /// Unit of the value on `machine` as powers of N, A, m, s and rad; `None` if undetermined.
+    pub fn powers(&self, machine: Mechanism) -> Option<Powers> {
         let mut stack: Vec<Dimension> = Vec::new();
         for step in &self.program {
             let last = match step {
@@ -145,7 +146,7 @@ impl Expression {
             };
             let next = match (step, last) {
                 (Step::Number(x), _) => Dimension::Number(*x),
-                (Step::Variable(v), _) => Dimension::Of(v.powers()),
+                (Step::Variable(v), _) => Dimension::Of(v.powers(machine)),
                 (_, None) => return None,
                 (Step::Negate, Some(x)) => x.map(|x| -x),
                 (Step::PowerOf(n), Some(x)) => x.to_the(Dimension::Number(f64::from(*n))),

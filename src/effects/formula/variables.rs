@@ -113,25 +113,26 @@ impl Variable {
         }
     }
 
-    /// Unit as powers of N, m, s and rad, on a machine with revolute drives.
-    pub fn powers(self) -> Powers {
-        let [angle, length] = [Powers { rad: 1, ..Powers::ONE }, Powers { m: 1, ..Powers::ONE }];
+    /// Unit on `machine` as powers of N, A, m, s and rad.
+    pub fn powers(self, machine: Mechanism) -> Powers {
+        let length = Powers { m: 1, ..Powers::ONE };
+        let angle = |s| machine.drive_powers(Powers { rad: 1, s, ..Powers::ONE });
         match self.kind() {
             Kind::Time => Powers { s: 1, ..Powers::ONE },
-            Kind::Angle(_) => angle,
-            Kind::Rate(_) => Powers { s: -1, ..angle },
-            Kind::Acceleration(_) => Powers { s: -2, ..angle },
+            Kind::Angle(_) => angle(0),
+            Kind::Rate(_) => angle(-1),
+            Kind::Acceleration(_) => angle(-2),
             Kind::Position(_) | Kind::TelescopeLength => length,
             Kind::Velocity(_) | Kind::TelescopeRate => Powers { s: -1, ..length },
             Kind::PlatformAcceleration(_) => Powers { s: -2, ..length },
             Kind::StrutUpper(_) | Kind::StrutLower(_) => Powers::N,
-            Kind::Torque(_) => Powers::NM,
+            Kind::Torque(_) => machine.drive_powers(Powers::NM),
         }
     }
 
-    /// Unit on a machine with revolute drives.
-    pub fn unit(self) -> Unit {
-        Unit::Derived(self.powers())
+    /// Unit on `machine`.
+    pub fn unit(self, machine: Mechanism) -> Unit {
+        Unit::Derived(self.powers(machine))
     }
 
     /// Whether it is a strut force.

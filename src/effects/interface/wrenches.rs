@@ -119,20 +119,21 @@ impl<'a> Wrenches<'a> {
         self.force(k, TELESCOPE_LOWER, -force);
     }
 
-    /// Adds a moment (N·m) on the strut at `socket` and its reaction on the arm or the platform.
+    /// Adds a moment (N·m) on the strut at `socket` and its reaction on the arm or the platform; `rate` is that of the strut
+    /// relative to them, [`Motion::socket_rate`].
     #[inline]
-    pub fn socket_moment(&mut self, k: usize, socket: usize, moment: Vector3<f64>) {
+    pub fn socket_moment(&mut self, k: usize, socket: usize, rate: &Vector3<f64>, moment: Vector3<f64>) {
         let (strut, partner) = Motion::socket_bodies(socket);
         match &mut self.sink {
             Sink::Each { read, .. } => {
                 read(k, strut, Vector3::zeros(), moment);
                 read(k, partner, Vector3::zeros(), -moment);
             }
-            Sink::Sum { values, motion, total, power } => {
+            Sink::Sum { values, total, power, .. } => {
                 let moment = moment * values[k];
                 total[strut].1 += moment;
                 total[partner].1 -= moment;
-                *power += moment.dot(&motion.socket_rate(socket));
+                *power += moment.dot(rate);
             }
         }
     }

@@ -1,30 +1,39 @@
-//! Parameters of the links without the symmetry assumptions of [Gnad 2024]: unequal limbs, asymmetric bodies.
+//! Parameters of the links of an assembled robot, with and without the symmetry assumptions of [Gnad 2024]: equal limbs,
+//! symmetric bodies.
 //!
 //! Aligned bodies have seven parameters each, without deviation moments, complete ones ten: for arm, strut, platform
 //! and both parts of the telescope, together with the rotor's moment, these are the 51 of [Gnad 2024], section 6.3.3.
+//! Carriages do not turn: their mass is all of them that enters.
 
 use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::{Arc, LazyLock};
 
-use super::{ARMS, PARAMETERS, RigidBodies, STRUTS, UNITS, UnitInertia, body, one};
+use super::{ARMS, CARRIAGE, PARAMETERS, RigidBodies, STRUTS, UNITS, UnitInertia, body, one};
 use crate::effects::{Count, Parameter, Unit};
 use crate::machine::bodies::{ARM, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::machine::{ARMS as LIMBS, BodyParameters, LinkParameters};
 
 const KINDS: [BodyParameters; 3] = [BodyParameters::Symmetric, BodyParameters::Aligned, BodyParameters::Complete];
 
-/// Tables by telescope (without, with), limbs (equal, each its own) and kind of body parameters.
-static TABLES: LazyLock<[[[Arc<RigidBodies>; 3]; 2]; 2]> = LazyLock::new(|| {
-    [false, true].map(|telescope| {
-        [false, true]
-            .map(|each_limb| KINDS.map(|bodies| Arc::new(build(telescope, LinkParameters { each_limb, bodies }))))
+/// Robots by what is mounted besides struts and platform.
+#[derive(Clone, Copy)]
+pub(super) enum Robot {
+    Carriages,
+    Arms,
+    ArmsAndTelescope,
+}
+
+/// Tables by robot, limbs (equal, each its own) and kind of body parameters.
+static TABLES: LazyLock<[[[Arc<RigidBodies>; 3]; 2]; 3]> = LazyLock::new(|| {
+    [Robot::Carriages, Robot::Arms, Robot::ArmsAndTelescope].map(|robot| {
+        [false, true].map(|each_limb| KINDS.map(|bodies| Arc::new(build(robot, LinkParameters { each_limb, bodies }))))
     })
 });
 
 /// Parameters of the links of an assembled robot.
-pub(super) fn table(telescope: bool, links: LinkParameters) -> Arc<RigidBodies> {
-    Arc::clone(&TABLES[usize::from(telescope)][usize::from(links.each_limb)][links.bodies as usize])
+pub(super) fn table(robot: Robot, links: LinkParameters) -> Arc<RigidBodies> {
+    Arc::clone(&TABLES[robot as usize][usize::from(links.each_limb)][links.bodies as usize])
 }
 
 /// One parameter of one kind of body.
@@ -34,15 +43,21 @@ struct Entry {
     unit: UnitInertia,
 }
 
-fn build(telescope: bool, links: LinkParameters) -> RigidBodies {
+fn build(robot: Robot, links: LinkParameters) -> RigidBodies {
     let entries = match links.bodies {
         BodyParameters::Symmetric => symmetric(),
         BodyParameters::Aligned => general(7),
         BodyParameters::Complete => general(10),
     };
-    let known = |e: &Entry| telescope || e.bodies.end <= PLATFORM + 1;
+    let known = |e: &Entry| match robot {
+        Robot::Carriages => STRUTS.contains(&e.bodies.start) || e.bodies == body(PLATFORM),
+        Robot::Arms => e.bodies.end <= PLATFORM + 1,
+        Robot::ArmsAndTelescope => true,
+    };
+    let carriage = Entry { parameter: CARRIAGE, bodies: ARMS, unit: UnitInertia::Mass };
+    let carriage = matches!(robot, Robot::Carriages).then_some(carriage);
     let (mut parameters, mut units) = (Vec::new(), Vec::new());
-    for entry in entries.into_iter().filter(known) {
+    for entry in carriage.into_iter().chain(entries.into_iter().filter(known)) {
         let limb = entry.bodies == ARMS || entry.bodies == STRUTS;
         if links.each_limb && limb {
             parameters.push(entry.parameter.counted(Count::PerArm));

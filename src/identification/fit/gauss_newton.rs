@@ -96,7 +96,7 @@ impl Regression<'_> {
             }
             let Some(next) = next else { break };
             let (step, change) = (&next.values - &here.values, here.cost - next.cost);
-            let is_accurate = !self.is_blind(&solution);
+            let is_accurate = !self.is_blind(&solution, &here.values);
             let promised = solution.normal.score.dot(&step) - 0.5 * step.dot(&(&solution.normal.information * &step))
                 + self.prior_cost(&here.values)
                 - self.prior_cost(&next.values);
@@ -133,10 +133,15 @@ impl Regression<'_> {
         estimator.step(normal, &offset, &self.at_bound(values, &free))
     }
 
-    /// Whether some shape parameter has no column: that of an effect of size zero, which the next linearisation may have.
-    fn is_blind(&self, solution: &Solution) -> bool {
-        let mut shapes = (0..self.free.len()).filter(|&i| self.parameters[i].role == Role::Shape);
-        shapes.any(|i| solution.normal.information[(i, i)] == 0.0)
+    /// Whether some shape parameter has no column that the next linearisation may have: that of an effect which had the
+    /// size zero at the `values` of this one.
+    fn is_blind(&self, solution: &Solution, values: &DVector<f64>) -> bool {
+        let of = |role: Role| (0..self.free.len()).filter(move |&i| self.parameters[i].role == role);
+        let is_absent = |shape: usize| {
+            let effect = self.parameters[shape].param.effect;
+            of(Role::Linear).filter(|&i| self.parameters[i].param.effect == effect).all(|i| values[i] == 0.0)
+        };
+        of(Role::Shape).any(|i| solution.normal.information[(i, i)] == 0.0 && is_absent(i))
     }
 
     /// First point along a step, which is repeatedly shortened to a quarter, whose cost is not larger; `None` without

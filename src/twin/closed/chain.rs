@@ -160,7 +160,7 @@ impl Mechanism {
         let n = HookeJoint::new(yoke, cross).normal;
         let passed = 1.0 / axis.dot(&n);
         chain.hooke = hooke;
-        chain.a = (axis * (n.cross(&axis) * passed).transpose() - axis.cross_matrix()) / length;
+        chain.a = (axis * (n.cross(&axis) * passed).transpose() - axis.cross_matrix()) * (1.0 / length);
         chain.b = axis * (n.z * passed);
         let omega_t = chain.a * lower_velocity + chain.b * rotor_rate;
         // End effector: x normal to the telescope's cross axis and the pivot.

@@ -40,7 +40,7 @@ impl Mechanism {
                 let ball = rotation * self.balls[s];
                 let span = pose.position + ball - elbows[s / 2] - Geometry::tangential(s / 2) * g.pair_offset(s);
                 let length = span.norm();
-                let u = span / length;
+                let u = span * (1.0 / length);
                 gaps[s] = length - self.rods[s].length;
                 rows[s] = Paired::new(u, ball.cross(&u));
             }

@@ -176,7 +176,7 @@ impl Equations {
 
     /// Adds masses and end forces of the struts, and their length rows.
     pub fn add_struts(&mut self, mechanism: &Mechanism, loads: &Loads) {
-        let Frame { motion, jacobians, length_rate, .. } = loads.frame;
+        let Frame { motion, jacobians, length_rate, inverse_length, .. } = loads.frame;
         for s in 0..STRUTS {
             let (i, rod) = (s / 2, &mechanism.rods[s]);
             let (u, e, r) = (&motion.strut_axis[s], &jacobians.elbow[i], &jacobians.ball[s]);
@@ -193,8 +193,7 @@ impl Equations {
             self.row_drive[s] = -u.dot(e);
             let stretch = &jacobians.stretch[s];
             let along = length_rate[s];
-            self.target[s] =
-                -u.dot(&(bias_b - bias_a)) - (stretch.norm_squared() - along * along) / motion.strut_length[s];
+            self.target[s] = -u.dot(&(bias_b - bias_a)) - (stretch.norm_squared() - along * along) * inverse_length[s];
         }
     }
 
@@ -282,12 +281,12 @@ impl Mechanism {
     fn strut_forces(&self, s: usize, loads: &Loads) -> Ends {
         let (rod, frame, wrench) = (&self.rods[s], loads.frame, &loads.wrenches[STRUT + s]);
         let u = frame.motion.strut_axis[s];
-        let length = frame.motion.strut_length[s];
+        let inverse = frame.inverse_length[s];
         let spin = frame.motion.bodies[STRUT + s].angular_velocity.dot(&u);
         // Rotation of the axis changes the spin's angular momentum: the moment Θ_xx·σ·u̇ is subtracted.
-        let axis_rate = (frame.jacobians.stretch[s] - u * frame.length_rate[s]) / length;
+        let axis_rate = (frame.jacobians.stretch[s] - u * frame.length_rate[s]) * inverse;
         let moment = wrench.1 - axis_rate * (rod.axial * spin);
-        let couple = moment.cross(&u) / length;
+        let couple = moment.cross(&u) * inverse;
         Ends { upper: wrench.0 - couple + loads.gravity * rod.weight[0], lower: couple + loads.gravity * rod.weight[1] }
     }
 }

@@ -34,6 +34,8 @@ pub(in crate::twin) struct Frame {
     pub roll_rate: [f64; STRUTS],
     /// Rates of the strut lengths, m/s.
     pub length_rate: [f64; STRUTS],
+    /// Reciprocals of the strut lengths, 1/m.
+    pub(super) inverse_length: [f64; STRUTS],
     pub(super) jacobians: Jacobians,
 }
 
@@ -54,6 +56,7 @@ impl Frame {
             },
             roll_rate: [0.0; STRUTS],
             length_rate: [0.0; STRUTS],
+            inverse_length: [0.0; STRUTS],
             jacobians: Jacobians {
                 elbow: [none; ARMS],
                 elbow_bias: [none; ARMS],
@@ -78,7 +81,7 @@ impl Mechanism {
     /// Writes the frame at a pose with velocities ν and spins.
     pub fn frame(&self, pose: &Pose, nu: &OpenVector, spin: &[f64; STRUTS], out: &mut Frame) {
         let g = &self.geometry;
-        let Frame { motion, roll_rate, length_rate, jacobians } = out;
+        let Frame { motion, roll_rate, length_rate, inverse_length, jacobians } = out;
         let Motion { arms, q, qd, bodies, strut_axis, strut_length, telescope, .. } = motion;
         *arms = g.arms.joint();
         *q = [pose.phi[0], pose.phi[1], pose.phi[2], pose.psi];
@@ -105,24 +108,25 @@ impl Mechanism {
             let turning = omega.cross(&ball);
             let span = pose.position + ball - upper;
             let length = span.norm();
-            let axis = span / length;
+            let inverse = 1.0 / length;
+            let axis = span * inverse;
             let upper_velocity = jacobians.elbow[i] * nu[i];
             let stretch = velocity + turning - upper_velocity;
             let along = axis.dot(&stretch);
-            let swing = axis.cross(&stretch) / length;
+            let swing = axis.cross(&stretch) * inverse;
             // Facing frame: y is the projection of the pair direction v normal to the axis.
             let share = axis.dot(&v);
-            let lateral = (1.0 - share * share).sqrt();
-            let y = (v - axis * share) / lateral;
+            let lateral = 1.0 / (1.0 - share * share).sqrt();
+            let y = (v - axis * share) * lateral;
             let z = axis.cross(&y);
-            let facing_rate = -share / lateral * (stretch - axis * along).dot(&z) / length;
+            let facing_rate = -share * lateral * inverse * stretch.dot(&z);
             let (sin, cos) = sin_cos(pose.roll[s]);
             let roll = Matrix3::from_columns(&[axis, y * cos + z * sin, z * cos - y * sin]);
             bodies[STRUT + s].place(roll, upper, upper_velocity, swing + axis * spin[s]);
             (strut_axis[s], strut_length[s]) = (axis, length);
             (jacobians.ball[s], jacobians.stretch[s]) = (ball, stretch);
             jacobians.ball_bias[s] = omega.cross(&turning);
-            (roll_rate[s], length_rate[s]) = (spin[s] - facing_rate, along);
+            (roll_rate[s], length_rate[s], inverse_length[s]) = (spin[s] - facing_rate, along, inverse);
         }
         let (sin, cos) = sin_cos(pose.psi);
         let turned = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);

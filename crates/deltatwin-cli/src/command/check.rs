@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde_json::json;
 
 use crate::command::gate::{json as gate_json, line};
-use crate::data::ColumnArgs;
+use crate::data::{ColumnArgs, Outside};
 use crate::kind::{Verified, check_as};
 use crate::terminal::{BAD_ANSWER, BAD_INPUT, DONE, complain, error_json, path, say, warn};
 use deltatwin::gate::combined;
@@ -26,6 +26,8 @@ pub struct Args {
     /// Setup of all recordings, instead of their sidecars `<stem>.setup.toml`.
     #[arg(long, value_name = "FILE")]
     pub setup: Option<PathBuf>,
+    #[command(flatten)]
+    pub outside: Outside,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -41,7 +43,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let machine = model.as_ref().map(|m| m.mechanism);
     let how = args.columns.reading(args.setup.as_deref(), machine);
     for file in &args.files {
-        match check_as(file, &how, model.as_ref()) {
+        match check_as(file, args.outside.access(), &how, model.as_ref()) {
             Ok(v) => {
                 warn(&v.warnings);
                 if !args.json {

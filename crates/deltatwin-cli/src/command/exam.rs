@@ -1,6 +1,6 @@
 //! `deltatwin exam`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use miette::{IntoDiagnostic, miette};
 use rayon::prelude::*;
@@ -9,19 +9,18 @@ use crate::terminal::{
     DONE, INTERRUPTED, Table, bar, catch_interrupt, complain, interrupted, origin_of, path, paths, say, warn,
     write_figure,
 };
-use deltatwin::machine::Mechanism;
 use deltatwin::model::Model;
-use deltatwin::recording::Recording;
 use deltatwin_analysis::page::end;
-use deltatwin_io::{model, recording};
-use deltatwin_study::campaign::{Campaign as Rows, CampaignError as Stopped, Chunk, Digest, Row};
-use deltatwin_validation::exam::campaign::{Campaign, CampaignError, Case, campaign, hideable, quiet_campaign};
+use deltatwin_io::model;
+use deltatwin_study::campaign::{CampaignError as Stopped, Chunk};
+use deltatwin_validation::exam::campaign::hideable;
+use deltatwin_validation::exam::conduct::{answer, graded};
 use deltatwin_validation::exam::motion::MotionKind;
 use deltatwin_validation::exam::noise::Noise;
-use deltatwin_validation::exam::plan::{NOTHING, Plan, seed};
+use deltatwin_validation::exam::plan::Plan;
 use deltatwin_validation::exam::score::{Judged, Score};
 use deltatwin_validation::exam::size::Size;
-use deltatwin_validation::exam::{self, Grade, experiment, figures, folder, judge};
+use deltatwin_validation::exam::{self, Exam, Grade, figures, folder};
 
 use super::study::progress::Progress;
 
@@ -98,27 +97,21 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Number of robots whose recordings the fast campaigns share.
-const FAST_ROBOTS: u64 = 4;
-/// Shortest and longest duration of a recording, s.
-const DURATION: (f64, f64) = (1.0, 600.0);
-
 /// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let model = model::read(&args.model)?;
-    if !model.assembled || !matches!(model.mechanism, Mechanism::Delta { .. }) {
-        return Err(miette!("{}: expected the model of an assembled delta robot", args.model.display()));
-    }
-    let plan = plan(args, &model)?;
+    let exam = planned(args, &model)?;
     catch_interrupt()?;
     let root = args.judge.as_ref().unwrap_or(&args.output);
-    let (mut folders, mut judged) = (Vec::new(), Vec::new());
+    let (mut folders, mut judged): (Vec<PathBuf>, Vec<Judged>) = (Vec::new(), Vec::new());
     if args.judge.is_some() {
-        judged = answers(args, &folder::campaigns(root).into_diagnostic()?, &model)?;
+        let campaigns = folder::campaigns(root).into_diagnostic()?;
+        let one = |folder: &PathBuf| answer(folder, &model, args.force, &told);
+        judged = each("judge", &campaigns, one)?.into_iter().flatten().collect();
     } else if args.no_answers {
-        folders = make(args, &plan.cases(), &model)?;
+        folders = each("make", exam.cases(), |case| exam.made(case, &told))?.into_iter().flatten().collect();
     } else {
-        judged = conducted(args, &plan, &model)?;
+        judged = conducted(args, &exam)?;
         if args.chunk.is_some() && !interrupted() {
             say("Next, when all chunks are there: the same command with --merge in place of --chunk")?;
             return Ok(DONE);
@@ -159,25 +152,13 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     Ok(DONE)
 }
 
-/// Plan of the exam with the given arguments.
-fn plan(args: &Args, model: &Model) -> miette::Result<Plan> {
-    if !(DURATION.0..=DURATION.1).contains(&args.duration) {
-        return Err(miette!(
-            "--duration is {}; expected a number from {} to {} s",
-            args.duration,
-            DURATION.0,
-            DURATION.1
-        ));
-    }
-    let known: Vec<&str> = hideable(model).iter().map(|e| e.name()).collect();
+/// The exam with the given arguments.
+fn planned(args: &Args, model: &Model) -> miette::Result<Exam> {
     let effects = match &args.effects {
         Some(names) => names.iter().filter(|n| *n != "none").cloned().collect(),
-        None => known.iter().map(|n| n.to_string()).collect::<Vec<String>>(),
+        None => hideable(model).iter().map(|e| e.name().to_string()).collect(),
     };
-    if let Some(name) = effects.iter().find(|n| !known.contains(&n.as_str())) {
-        return Err(miette!("--effects: cannot hide `{name}`; expected `none` or some of {}", known.join(", ")));
-    }
-    Ok(Plan {
+    let plan = Plan {
         effects,
         sizes: args.sizes.clone(),
         seeds: args.seeds,
@@ -190,7 +171,13 @@ fn plan(args: &Args, model: &Model) -> miette::Result<Plan> {
         payloads: !args.no_payload,
         duration: args.duration,
         seed: args.seed,
-    })
+    };
+    Ok(Exam::new(model.clone(), plan, args.fast_null, &args.output)?.judging(args.force))
+}
+
+/// Tells that a campaign was left out.
+fn told(what: String) {
+    warn(&[what]);
 }
 
 /// Results of `work` for all `items`, computed on all cores until interrupted.
@@ -210,69 +197,20 @@ fn each<T: Sync, R: Send>(
     Ok(results?.into_iter().flatten().collect())
 }
 
-/// Makes the missing campaigns and returns their folders. A robot that cannot move with its hidden effects is
-/// omitted.
-fn make(args: &Args, cases: &[(String, Case)], model: &Model) -> miette::Result<Vec<PathBuf>> {
-    let folders = each("make", cases, |case| made(args, case, model))?;
-    Ok(folders.into_iter().flatten().collect())
-}
-
-/// Makes a campaign if it is missing and returns its folder; `None` if the robot cannot be simulated.
-fn made(args: &Args, (name, case): &(String, Case), model: &Model) -> miette::Result<Option<PathBuf>> {
-    let folder = args.output.join(name);
-    if folder.join(folder::TRUTH).is_file() {
-        return Ok(Some(folder));
-    }
-    match campaign(model, case, &|_, _| {}) {
-        Ok(campaign) => folder::write(&folder, &campaign).into_diagnostic()?,
-        Err(CampaignError::Simulation(e)) => {
-            warn(&[format!("{name}: left out, the robot cannot be simulated: {e}")]);
-            return Ok(None);
-        }
-        Err(e) => return Err(miette!("{name}: {e}")),
-    }
-    Ok(Some(folder))
-}
-
-/// Makes and judges all campaigns of a plan on the engine of the studies, and writes their table; what has an answer in
+/// Makes and judges all campaigns of an exam on the engine of the studies, and writes their table; what has an answer in
 /// its folder is taken from there.
-fn conducted(args: &Args, plan: &Plan, model: &Model) -> miette::Result<Vec<Judged>> {
-    let cases = plan.cases();
-    let robots = if args.merge { Vec::new() } else { robots(args, plan, model)? };
-    let runs = cases.len() as u64 + args.fast_null;
-    let one = |run: u64| -> miette::Result<(String, Option<Judged>)> {
-        match cases.get(run as usize) {
-            Some(case) => {
-                let folder = made(args, case, model)?;
-                let judged = folder.map(|folder| answer(args, &folder, model)).transpose()?.flatten();
-                Ok((case.0.clone(), judged))
-            }
-            None => fast(args, (run - cases.len() as u64, &robots), model).map(|j| (j.name.clone(), Some(j))),
-        }
-    };
+fn conducted(args: &Args, exam: &Exam) -> miette::Result<Vec<Judged>> {
+    let rows = &exam.rows;
     // The folders hold what was done: rows of an earlier plan are made of them again.
-    let source = model.source.as_deref().unwrap_or_default();
-    let planned = format!("{plan:?} {}", args.fast_null);
-    let digest = Digest::of([("exam", planned.as_bytes()), ("model", source.as_bytes())]);
-    let table = Rows {
-        folder: args.output.clone(),
-        digest,
-        headings: experiment::exam_headings(),
-        metadata: vec![("exam".into(), planned)],
-    };
     if args.chunk.is_none() && !args.merge {
-        table.clear()?;
+        rows.clear()?;
     }
     if !args.merge {
         let chunk = args.chunk.unwrap_or(Chunk::WHOLE);
-        let range = chunk.range(runs);
-        let right = table.headings.iter().position(|h| h.name == "right");
+        let range = chunk.range(exam.runs());
+        let right = rows.headings.iter().position(|h| h.name == "right");
         let progress = Progress::new(range.end - range.start, (right, "not right"));
-        let row = |run: u64| -> Row {
-            let (name, judged) = one(run)?;
-            Ok(experiment::exam_row(run, &name, judged.as_ref()))
-        };
-        let end = table.chunk(chunk, runs, &row, &progress);
+        let end = exam.chunk(chunk, &progress, &told);
         progress.finish();
         match end {
             Err(Stopped::Interrupted) => return Ok(Vec::new()),
@@ -282,94 +220,11 @@ fn conducted(args: &Args, plan: &Plan, model: &Model) -> miette::Result<Vec<Judg
             return Ok(Vec::new());
         }
     }
-    table.merge(Some(runs))?;
-    if args.chunk.is_none() && !args.merge {
-        table.remove_parts()?;
+    rows.merge(Some(exam.runs()))?;
+    if !args.merge {
+        rows.remove_parts()?;
     }
-    let names = cases.iter().map(|(name, _)| name.clone()).chain((0..args.fast_null).map(|k| fast_name(args, k)));
-    let folders = names.map(|name| args.output.join(name)).filter(|folder| folder.join(folder::ANSWER).is_file());
-    folders.map(|folder| graded(&folder)).collect()
-}
-
-/// The grade of the answer in a folder.
-fn graded(folder: &Path) -> miette::Result<Judged> {
-    let name = folder.file_name().unwrap_or(folder.as_os_str()).to_string_lossy().into_owned();
-    let truth = folder::read_truth(folder).into_diagnostic()?;
-    let answer = folder::read_answer(folder).into_diagnostic()?;
-    Ok(Judged::new(name, truth, answer.unwrap_or_default()))
-}
-
-/// Graded campaigns; those without an answer are diagnosed first.
-fn answers(args: &Args, folders: &[PathBuf], model: &Model) -> miette::Result<Vec<Judged>> {
-    each("judge", folders, |folder| answer(args, folder, model)).map(|judged| judged.into_iter().flatten().collect())
-}
-
-/// The grade of a campaign, which is diagnosed if it has no answer; `None` without recordings.
-fn answer(args: &Args, folder: &Path, model: &Model) -> miette::Result<Option<Judged>> {
-    let truth = folder::read_truth(folder).into_diagnostic()?;
-    let name = folder.file_name().unwrap_or(folder.as_os_str()).to_string_lossy().into_owned();
-    if !args.force
-        && let Some(answer) = folder::read_answer(folder).into_diagnostic()?
-    {
-        return Ok(Some(Judged::new(name, truth, answer)));
-    }
-    let Some(recordings) = recordings(folder, model)? else {
-        warn(&[format!("{name}: left out, without recordings it cannot be judged")]);
-        return Ok(None);
-    };
-    let answer = judge::judge(model, &recordings);
-    folder::write_answer(folder, &answer).into_diagnostic()?;
-    Ok(Some(Judged::new(name, truth, answer)))
-}
-
-/// Both recordings of a campaign; `None` if they were not kept.
-fn recordings(folder: &Path, model: &Model) -> miette::Result<Option<[Recording; 2]>> {
-    let file = |stem: &str| {
-        let files = ["csv", "mcap"].map(|extension| folder.join(format!("{stem}.{extension}")));
-        files.into_iter().find(|f| f.is_file())
-    };
-    let (Some(first), Some(second)) = (file(folder::MEASUREMENT), file(folder::VALIDATION)) else { return Ok(None) };
-    let read = |file: &Path| recording::read_of(file, None, model.mechanism).map(|(recording, _)| recording);
-    Ok(Some([read(&first)?, read(&second)?]))
-}
-
-/// The robots whose recordings the fast campaigns share.
-fn robots(args: &Args, plan: &Plan, model: &Model) -> miette::Result<Vec<Campaign>> {
-    each("make", &(0..FAST_ROBOTS.min(args.fast_null)).collect::<Vec<_>>(), |k| {
-        let robot = Plan {
-            effects: Vec::new(),
-            null: 1,
-            outside: 0,
-            seed: seed(args.seed, &format!("robot {k}")),
-            ..plan.clone()
-        };
-        let (name, case) = robot.cases().remove(0);
-        quiet_campaign(model, &case, &[], &|_, _| {}).map_err(|e| miette!("{name}: {e}"))
-    })
-}
-
-/// Name of a fast campaign.
-fn fast_name(args: &Args, k: u64) -> String {
-    format!("{NOTHING}-fast-{}-{}", args.noise[k as usize % args.noise.len()], k + 1)
-}
-
-/// A graded campaign without hidden effects that differs from others in its noise; truth and answer are written,
-/// recordings are not.
-fn fast(args: &Args, (k, robots): (u64, &[Campaign]), model: &Model) -> miette::Result<Judged> {
-    let noise = args.noise[k as usize % args.noise.len()];
-    let name = fast_name(args, k);
-    let folder = args.output.join(&name);
-    let there = !args.force && folder.join(folder::TRUTH).is_file();
-    if there && let Some(answer) = folder::read_answer(&folder).into_diagnostic()? {
-        return Ok(Judged::new(name, folder::read_truth(&folder).into_diagnostic()?, answer));
-    }
-    // All combinations of noise kinds and robots occur.
-    let robot = &robots[(k as usize / args.noise.len()) % robots.len()];
-    let case = Case { seed: seed(args.seed, &name), noise, ..robot.case.clone() };
-    let answer = judge::judge(model, &robot.noisy(&case));
-    folder::write_truth(&folder, &folder::truth(robot, &case)).into_diagnostic()?;
-    folder::write_answer(&folder, &answer).into_diagnostic()?;
-    Ok(Judged::new(name, folder::read_truth(&folder).into_diagnostic()?, answer))
+    exam.answered().iter().map(|folder| graded(folder)).collect()
 }
 
 fn print(score: &Score, judged: &[Judged]) -> miette::Result<()> {

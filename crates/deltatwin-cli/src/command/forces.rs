@@ -7,6 +7,7 @@ use miette::{IntoDiagnostic, WrapErr, miette};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
+use crate::data::Outside;
 use crate::terminal::{DONE, Table, assembled_robot, check_output, path, say, spinner, warn, write_figure};
 use deltatwin::constraint_forces::{Detail, MULTIPLIERS, Multipliers, constraint_forces};
 use deltatwin::dynamics::{Channel, Plant};
@@ -42,6 +43,8 @@ pub struct Args {
     /// Which loads enter: all, or those of the paper's reduced model.
     #[arg(long, value_enum, default_value_t)]
     pub loads: Which,
+    #[command(flatten)]
+    pub outside: Outside,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -112,7 +115,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
 fn read(args: &Args, model: &Model) -> miette::Result<Motion> {
     let name = || args.motion.display().to_string();
     if kind(&args.motion)? == Kind::Scenario {
-        let scenario = scenario::read_with(&args.motion, deltatwin_cell::mesh::read)?;
+        let scenario = scenario::read_with(&args.motion, args.outside.access())?;
         let desired = scenario.motion(model).into_diagnostic().wrap_err_with(name)?;
         let geometry = Plant::new(model, &scenario.setup).geometry;
         let samples = (scenario.duration / model.sample_time).floor() as usize;

@@ -17,7 +17,7 @@ use deltatwin::identification::consistency::min_eigenvalue;
 use deltatwin::identification::dataset::noise_floor as floor;
 use deltatwin::identification::fit::FitError;
 use deltatwin::identification::uncertainty::Uncertainty;
-use deltatwin::identification::{BaseParameter, Estimate, Fit, fit_with};
+use deltatwin::identification::{BaseParameter, Estimate, Fit, LimbTest, fit_with, limb_test};
 use deltatwin::model::{Model, Provenance};
 use deltatwin::text::significant;
 use deltatwin_analysis::identify::Identification;
@@ -61,7 +61,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         check_output(output, &inputs, &["toml"])?;
     }
     check_report(args.report.as_deref(), &args.model, &args.data)?;
-    model.link_parameters = args.how.links();
+    model.link_parameters = args.how.links(&model);
     let data = Data::read_with(&args.data.inputs(), &model, args.how.method())?;
     warn(&data.warnings);
     data.check_held(args.how.fixed(), &model)?;
@@ -74,11 +74,14 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     }
     let progress = spinner("fit");
     let fitted = fit_with(&model, &data.datasets, &vec![noise_floor.clone(); data.datasets.len()], &options);
+    let limbs = fitted
+        .as_ref()
+        .map_or(Ok(None), |fit| limb_test(fit, &model, (&data.datasets, &data.held_out), &noise_floor, &options));
     progress.finish_and_clear();
-    let fitted = fitted.map_err(refusal)?;
+    let (fitted, limbs) = (fitted.map_err(refusal)?, limbs.map_err(refusal)?);
     warn(&much_is_left(data.channels(), &fitted.residuals.rms, &noise_floor));
     let held_out_rms = held_out_rms(&fitted.model, &data.held_out).into_diagnostic()?;
-    let answer = Identification { fitted, channels: data.channels().to_vec(), noise_floor, held_out_rms };
+    let answer = Identification { fitted, channels: data.channels().to_vec(), noise_floor, held_out_rms, limbs };
     if args.json { say(data.with_zeros(answer.json(args.output.as_deref()))) } else { print(&answer) }?;
     match &args.output {
         Some(output) => {
@@ -172,7 +175,26 @@ fn print(answer: &Identification) -> miette::Result<()> {
     let structure = &fitted.structure;
     say(format!("\n  {} base parameters, condition number {}", structure.rank, significant(structure.condition(), 3)))?;
     say(format!("  Smallest pseudo-inertia eigenvalue {:.3e}", min_eigenvalue(&fitted.model.bodies)))?;
-    print_correction(fitted)
+    print_correction(fitted)?;
+    answer.limbs.as_ref().map_or(Ok(()), |test| print_limbs(test, fitted.model.link_parameters.each_limb))
+}
+
+/// What the data say about limbs with the same or with their own parameters, if the model has it otherwise or they differ.
+fn print_limbs(test: &LimbTest, is_own: bool) -> miette::Result<()> {
+    let judged = if test.held_out { "held-out" } else { "fitted" };
+    let change = significant(100.0 * (1.0 - test.error), 2);
+    let gain = format!("{change} % of the squared error on {judged} data (t = {:.1})", test.t);
+    match (test.demanded, is_own) {
+        (true, false) => say(format!("  The limbs differ: `--limbs own` takes away {gain}"))?,
+        (true, true) => say(format!("  The limbs differ: their own parameters take away {gain}"))?,
+        (false, true) => say(format!("  Limbs alike would do: their own parameters take away {gain}"))?,
+        (false, false) => return say("  Limbs alike: parameters of their own are not demanded by the data"),
+    }
+    for one in &test.differing {
+        let values: Vec<String> = one.values.iter().map(|v| significant(*v, 4)).collect();
+        say(format!("    {}: {} {}", one.name, values.join(", "), one.unit))?;
+    }
+    Ok(())
 }
 
 fn print_unidentified(fitted: &Fit) -> miette::Result<()> {

@@ -7,6 +7,7 @@ use std::time::Instant;
 use miette::{IntoDiagnostic, WrapErr};
 use serde_json::{Map, Value, json};
 
+use crate::data::Outside;
 use crate::terminal::{
     BAD_ANSWER, DONE, Table, assembled_robot, check_output, complain, origin_of, path, say, spinner, warn, write_figure,
 };
@@ -48,6 +49,8 @@ pub struct Args {
     /// Tighten the bound on the time with jerk limits; takes seconds.
     #[arg(long)]
     pub tighten: bool,
+    #[command(flatten)]
+    pub outside: Outside,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -60,7 +63,7 @@ const SHOWN: usize = 40;
 pub fn run(args: &Args) -> miette::Result<u8> {
     let model = assembled_robot(&args.model)?;
     let twin = args.twin.as_deref().map(assembled_robot).transpose()?;
-    let task = deltatwin_io::plan::read_with(&args.path, Limits::of(&model), deltatwin_cell::mesh::read)?;
+    let task = deltatwin_io::plan::read_with(&args.path, Limits::of(&model), args.outside.access())?;
     if let Some(output) = &args.output {
         check_output(output, &[&args.model, &args.path], &["csv", "mcap"])?;
     }

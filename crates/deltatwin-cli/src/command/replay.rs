@@ -6,7 +6,7 @@ mod show;
 
 use std::path::PathBuf;
 
-use crate::data::positive;
+use crate::data::{Outside, positive};
 use deltatwin_watch::mqtt::Address;
 
 /// Look at a recording in Rerun: the moving robot, measured and predicted torques; or send it to a broker.
@@ -27,6 +27,8 @@ pub struct Args {
     /// Later model file, whose residual is shown beside.
     #[arg(long, value_name = "MODEL2")]
     pub beside: Option<PathBuf>,
+    #[command(flatten)]
+    pub outside: Outside,
     #[cfg(feature = "viewer")]
     #[command(flatten)]
     viewer: super::view::LiveView,

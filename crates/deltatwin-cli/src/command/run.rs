@@ -15,6 +15,8 @@ use deltatwin_analysis::run::RunError;
 use deltatwin_analysis::{Analysis, Settings, Step, folder};
 use deltatwin_io::model;
 #[cfg(feature = "viewer")]
+use deltatwin_io::outside::Access;
+#[cfg(feature = "viewer")]
 use deltatwin_rerun::replay::Replay;
 
 /// Check recordings, identify the model, see where it fails, find what is missing and add it: all stages, one folder.
@@ -86,7 +88,7 @@ pub fn message(step: &Step) -> String {
 #[cfg(feature = "viewer")]
 pub fn replay<'a>(recording: &'a Recording, analysis: &'a Analysis) -> Replay<'a> {
     let beside = (!analysis.diagnosis.effects.is_empty()).then_some(&analysis.diagnosis.model);
-    Replay { recording, model: &analysis.identification.fitted.model, beside }
+    Replay { recording, model: &analysis.identification.fitted.model, beside, access: Access::PROJECT }
 }
 
 /// Writes the Rerun file of the last recording with the identified model and adds it to `files`, where the program has the

@@ -15,6 +15,7 @@ use self::receiver::Receiving;
 use self::remedy::Remedy;
 #[cfg(feature = "viewer")]
 use crate::command::view::LiveView;
+use crate::data::Outside;
 #[cfg(feature = "viewer")]
 use crate::data::positive;
 use crate::terminal::{
@@ -33,6 +34,8 @@ use deltatwin::twin::{
     Cause, LARGEST_ENERGY_ERROR, Options, Report, SimulationError, setup_of_run, simulate, simulate_into,
 };
 use deltatwin_io::file::WriteError;
+#[cfg(feature = "viewer")]
+use deltatwin_io::outside::Access;
 use deltatwin_io::{model, recording, scenario};
 #[cfg(feature = "viewer")]
 use deltatwin_rerun::{scene::Assets, show::Stage};
@@ -74,6 +77,8 @@ pub struct Args {
     #[cfg(feature = "viewer")]
     #[arg(long, value_name = "X", default_value_t = 1.0, requires = "live", value_parser = positive)]
     speed: f64,
+    #[command(flatten)]
+    pub outside: Outside,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -162,7 +167,8 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let stream = match jobs.first_mut() {
         Some(Job { scenario, machine, motion, options, .. }) if args.viewer.wanted() => {
             let shown = options.clone();
-            args.viewer.open(&scenario.name, || stage(machine, scenario, motion, shown), options)?
+            let access = args.outside.access();
+            args.viewer.open(&scenario.name, || stage(machine, scenario, motion, shown, access), options)?
         }
         _ => None,
     };
@@ -274,7 +280,7 @@ fn show(job: &Job, outcome: &Outcome, args: &Args) -> Result<(), WriteError> {
     #[cfg(feature = "viewer")]
     if let Some(rrd) = &args.rrd {
         let Job { machine, scenario, motion, options, .. } = job;
-        let stage = stage(machine, scenario, motion, options.clone());
+        let stage = stage(machine, scenario, motion, options.clone(), args.outside.access());
         let stage = stage.map_err(|e| WriteError::invalid(rrd, format!("{e:#}")))?;
         stage.write(rrd, &outcome.recording, &outcome.report)?;
     }
@@ -285,13 +291,19 @@ fn show(job: &Job, outcome: &Outcome, args: &Args) -> Result<(), WriteError> {
 
 /// What a viewer shows of a run besides its frames.
 #[cfg(feature = "viewer")]
-fn stage(machine: &Model, scenario: &Scenario, motion: &DesiredMotion, options: Options) -> miette::Result<Stage> {
+fn stage(
+    machine: &Model,
+    scenario: &Scenario,
+    motion: &DesiredMotion,
+    options: Options,
+    access: Access,
+) -> miette::Result<Stage> {
     let plant = Plant::new(machine, &scenario.setup);
-    Ok(Stage { plant, options, desired: Some(motion.clone()), assets: Assets::of(machine)? })
+    Ok(Stage { plant, options, desired: Some(motion.clone()), assets: Assets::of(machine, access)? })
 }
 
 fn job(file: &Path, args: &Args) -> miette::Result<Job> {
-    let scenario = scenario::read_with(file, deltatwin_cell::mesh::read)?;
+    let scenario = scenario::read_with(file, args.outside.access())?;
     let machine_file = args.model.as_ref().unwrap_or(&scenario.model);
     let machine = scenario.machine(&model::read(machine_file)?);
     // The controller's model is independent of the machine: the same motion drives both.

@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 
 use miette::miette;
 
+use crate::data::Outside;
 use crate::terminal::{DONE, INTERRUPTED, catch_interrupt};
 use deltatwin_io::study;
 use deltatwin_study::campaign::{CampaignError, Chunk, Held};
@@ -62,6 +63,8 @@ pub struct Args {
     /// Remove the rows of another study, or of this one, from DIR first.
     #[arg(long, conflicts_with_all = ["merge", "run"])]
     pub force: bool,
+    #[command(flatten)]
+    pub outside: Outside,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -72,7 +75,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     if args.advise {
         return advice::run(args);
     }
-    let study = study::read(&args.study, deltatwin_cell::mesh::read)?;
+    let study = study::read(&args.study, args.outside.access())?;
     let folder = args.output.clone().unwrap_or_default();
     if folder.is_file() {
         return Err(miette!("{}: is a file; expected a folder, which may be new", folder.display()));

@@ -9,7 +9,7 @@ use toml_edit::{Item, Table as Document, Value};
 
 use super::schema::{Bounds, Shape};
 use super::table::Table;
-use crate::outside;
+use crate::outside::Access;
 use crate::source::Checked;
 
 /// Key of the length of a file's unit.
@@ -77,13 +77,13 @@ pub(super) fn edit(root: &mut Document, meshes: &Meshes) {
 /// The files of the model's meshes, with its folder.
 ///
 /// # Errors
-/// If a file is outside of the model's project, see [`crate::outside`].
-pub fn files(model: &Model) -> Result<Vec<(MeshPart, PathBuf)>> {
+/// If a file is outside of the model's project, and `access` does not admit it.
+pub fn files(model: &Model, access: Access) -> Result<Vec<(MeshPart, PathBuf)>> {
     let by = model.path.as_deref().unwrap_or(Path::new("model.toml"));
     let one = |(part, file): (&MeshPart, &PathBuf)| {
         let place = by.with_file_name("").join(file);
         let refused = |what| miette!("{}: [meshes] {} = {:?} {what}", by.display(), part.key(), file);
-        outside::check(by, &place).map_err(refused).map(|()| (*part, place))
+        access.check(by, &place).map_err(refused).map(|()| (*part, place))
     };
     model.meshes.files.iter().map(one).collect()
 }

@@ -89,7 +89,7 @@ fn read_model(top: &Table) -> Checked<Model> {
         assembled,
         geometry,
         bodies,
-        link_parameters: LinkParameters::default(),
+        link_parameters: LinkParameters { each_limb: read_limbs(top)?, ..LinkParameters::default() },
         drives,
         sockets,
         stops,
@@ -158,7 +158,7 @@ fn read_mechanism(top: &Table) -> Checked<Mechanism> {
             if telescope && arms == Joint::Prismatic {
                 return Err(top.refuse("arms", "expected `telescope = false` beside arms that are carriages"));
             }
-            (Mechanism::Delta { telescope, arms }, &["telescope", "arms", "assembled", "sockets", "stops"])
+            (Mechanism::Delta { telescope, arms }, &["telescope", "arms", "limbs", "assembled", "sockets", "stops"])
         }
         "axis" => {
             let joint = read_joint(top, "joint")?;
@@ -169,6 +169,19 @@ fn read_mechanism(top: &Table) -> Checked<Mechanism> {
     let tables = ["name", "mechanism", "geometry", "bodies", "drives", "noise", "effects", "history", "meshes"];
     top.only(&[&tables[..], own, &keys(schema::top(mechanism))].concat())?;
     Ok(mechanism)
+}
+
+/// Whether every limb has parameters of its own.
+fn read_limbs(top: &Table) -> Checked<bool> {
+    const EXPECTED: &str = "\"alike\" or \"own\"";
+    if top.entry("limbs").is_none() {
+        return Ok(false);
+    }
+    match top.string("limbs", EXPECTED)? {
+        "alike" => Ok(false),
+        "own" => Ok(true),
+        _ => Err(top.refuse("limbs", &format!("expected {EXPECTED}: whether all limbs share their parameters"))),
+    }
 }
 
 /// The joint type that `key` states.

@@ -103,6 +103,10 @@ fn edit(document: &mut DocumentMut, model: &Model, provenance: Option<&Provenanc
             if !telescope || root.contains_key("telescope") {
                 set_plain(root, "telescope", Value::from(telescope));
             }
+            let own = model.link_parameters.each_limb;
+            if own || root.contains_key("limbs") {
+                set_plain(root, "limbs", Value::from(if own { "own" } else { "alike" }));
+            }
             set_plain(root, "assembled", Value::from(model.assembled));
         }
         Mechanism::Axis(Axis { joint, effort }) => {

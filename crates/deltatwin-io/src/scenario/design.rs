@@ -17,8 +17,8 @@ use super::{motion_text, parse};
 use crate::file::replace_text;
 use crate::recording::setup::payload_to_toml;
 
-/// Text of the scenario at `output`, which runs `model_file` along the designed motion.
-fn text(design: &Design, options: &Options, model_file: &Path, output: &Path) -> String {
+/// Text of a scenario that runs the model file called `model` along the designed motion.
+fn text(design: &Design, options: &Options, model: String) -> String {
     let mut out = String::new();
     let objective = match options.objective {
         Objective::Logdet => "-log det of the information about the base parameters",
@@ -53,7 +53,7 @@ fn text(design: &Design, options: &Options, model_file: &Path, output: &Path) ->
         let _ = writeln!(out, "# {line}");
     }
     let duration = options.periods as f64 / options.frequency;
-    let model = toml::Value::String(relative(model_file, output));
+    let model = toml::Value::String(model);
     let _ = write!(
         out,
         "\nmodel = {model} # also plans the motion and gives the feed-forward\n\
@@ -78,10 +78,30 @@ pub fn write_design(
     model_file: &Path,
     output: &Path,
 ) -> miette::Result<()> {
-    let text = text(design, options, model_file, output);
-    let scenario = parse(&text, output)?;
-    scenario.motion(model).into_diagnostic().wrap_err_with(|| output.display().to_string())?;
+    let text = text(design, options, relative(model_file, output));
+    checked(&text, model, output)?;
     replace_text(output, &text).into_diagnostic().wrap_err_with(|| format!("cannot write {}", output.display()))
+}
+
+/// A designed motion as the text of a scenario that may be saved in any folder: it names `model_file` by its absolute path.
+///
+/// # Errors
+/// If the motion is not feasible for the machine, or there is no `model_file`.
+pub fn design_text(design: &Design, options: &Options, model: &Model, model_file: &Path) -> miette::Result<String> {
+    let file = model_file
+        .canonicalize()
+        .into_diagnostic()
+        .wrap_err_with(|| format!("cannot read {}", model_file.display()))?;
+    let text = text(design, options, file.display().to_string());
+    checked(&text, model, &file.with_file_name("scenario.toml"))?;
+    Ok(text)
+}
+
+/// Reads a scenario's text back and checks its motion.
+fn checked(text: &str, model: &Model, file: &Path) -> miette::Result<()> {
+    let scenario = parse(text, file)?;
+    scenario.motion(model).into_diagnostic().wrap_err_with(|| file.display().to_string())?;
+    Ok(())
 }
 
 /// Writes a planned experiment as a scenario of `model_file`, after reading it back and checking its motion.
@@ -115,8 +135,7 @@ pub fn write_experiment(
     if !upper.is_empty() || !lower.is_empty() {
         let _ = write!(text, "\n[sensors]\nstrut_upper = {upper:?}\nstrut_lower = {lower:?}\n");
     }
-    let scenario = parse(&text, output)?;
-    scenario.motion(model).into_diagnostic().wrap_err_with(|| output.display().to_string())?;
+    checked(&text, model, output)?;
     replace_text(output, &text).into_diagnostic().wrap_err_with(|| format!("cannot write {}", output.display()))
 }
 

@@ -5,6 +5,6 @@ pub(crate) mod read;
 mod table;
 mod write;
 
-pub use design::{write_design, write_experiment};
+pub use design::{design_text, write_design, write_experiment};
 pub use read::{ScenarioError, parse, parse_with, read, read_with};
 pub use write::motion_text;

@@ -15,8 +15,8 @@ use toml::Spanned;
 
 use crate::file;
 use crate::kind::Kind;
+use crate::outside::Access;
 use crate::source::{Checked, Interval, Problem, Source};
-use deltatwin::cell::{MeshReader, no_meshes};
 
 /// Why a scenario or a path file was rejected.
 #[derive(Debug, Error, Diagnostic)]
@@ -89,37 +89,37 @@ const SUBSTEPS: usize = 2;
 /// Shortest and longest run, s.
 const DURATION: [f64; 2] = [0.01, 3600.0];
 
-/// Reads a scenario file without meshes; the files it names are relative to it.
+/// Reads a scenario file without solids; the files it names are relative to it.
 ///
 /// # Errors
 /// [`ScenarioError::Io`] if the file cannot be read; else the first error in it, with its position.
 pub fn read(path: &Path) -> Result<Scenario> {
-    read_with(path, no_meshes)
+    read_with(path, Access::PLAIN)
 }
 
-/// Reads a scenario file like [`read`], with `meshes` as reader of the solids it names.
+/// Reads a scenario file like [`read`], with `access` to the files it names.
 ///
 /// # Errors
 /// As for [`read`].
-pub fn read_with(path: &Path, meshes: MeshReader) -> Result<Scenario> {
+pub fn read_with(path: &Path, access: Access) -> Result<Scenario> {
     let text = ScenarioError::text(path)?;
-    parse_with(&text, path, meshes).map_err(|e| e.unless_other(Kind::Scenario, &text, path))
+    parse_with(&text, path, access).map_err(|e| e.unless_other(Kind::Scenario, &text, path))
 }
 
-/// Reads a scenario from `text` without meshes; `path` is named in errors, and models and tables are relative to it.
+/// Reads a scenario from `text` without solids; `path` is named in errors, and models and tables are relative to it.
 ///
 /// # Errors
 /// The first error in the text, with its position.
 pub fn parse(text: &str, path: &Path) -> Result<Scenario> {
-    parse_with(text, path, no_meshes)
+    parse_with(text, path, Access::PLAIN)
 }
 
-/// Reads a scenario from `text` like [`parse`], with `meshes` as reader of the solids it names.
+/// Reads a scenario from `text` like [`parse`], with `access` to the files it names.
 ///
 /// # Errors
 /// The first error in the text, with its position.
-pub fn parse_with(text: &str, path: &Path, meshes: MeshReader) -> Result<Scenario> {
-    let file = &Source { meshes, ..Source::new(path.display(), text) };
+pub fn parse_with(text: &str, path: &Path, access: Access) -> Result<Scenario> {
+    let file = &Source { access, ..Source::new(path.display(), text) };
     let (document, motion) = file.document::<Document>("motion")?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let beside = |key: &str, name: &Spanned<String>| {

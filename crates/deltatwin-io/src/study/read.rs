@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use deltatwin::cell::MeshReader;
 use deltatwin::text::nearest;
 use miette::Diagnostic;
 use serde::Deserialize;
@@ -14,7 +13,7 @@ use super::factor::{Change, Distribution, Factor, Level, Range};
 use super::template::{SCENARIO, Template};
 use super::{CAUSES, Design, Draws, Keep, Study, tree};
 use crate::kind::Kind;
-use crate::outside;
+use crate::outside::Access;
 use crate::scenario::ScenarioError;
 use crate::source::{Checked, Interval, Problem, Source};
 
@@ -125,14 +124,14 @@ const SUBSET: (i64, f64, i64) = (1000, 0.1, 10);
 /// Least number of samples with which a level of a subset simulation begins.
 const SEEDS: f64 = 10.0;
 
-/// Reads a study file; the scenarios that it names are relative to it, all other files to the scenario. `meshes` reads the
-/// solids that a scenario names.
+/// Reads a study file; the scenarios that it names are relative to it, all other files to the scenario; `access` states
+/// which they may be.
 ///
 /// # Errors
 /// The first error in the file or in a scenario that it names, with its position.
-pub fn read(path: &Path, meshes: MeshReader) -> Result<Study, StudyError> {
+pub fn read(path: &Path, access: Access) -> Result<Study, StudyError> {
     let text = ScenarioError::text(path).map_err(StudyError::Own)?;
-    parse(&text, path, meshes).map_err(|e| match e {
+    parse(&text, path, access).map_err(|e| match e {
         StudyError::Own(own) => StudyError::Own(own.unless_other(Kind::Study, &text, path)),
         other => other,
     })
@@ -142,8 +141,8 @@ pub fn read(path: &Path, meshes: MeshReader) -> Result<Study, StudyError> {
 ///
 /// # Errors
 /// As for [`read`].
-pub fn parse(text: &str, path: &Path, meshes: MeshReader) -> Result<Study, StudyError> {
-    let file = &Source::new(path.display(), text);
+pub fn parse(text: &str, path: &Path, access: Access) -> Result<Study, StudyError> {
+    let file = &Source { access, ..Source::new(path.display(), text) };
     let (document, design) = file.document::<Document>("design")?;
     let factors = factors(file, &document)?;
     let Some(design) = design else {
@@ -156,7 +155,7 @@ pub fn parse(text: &str, path: &Path, meshes: MeshReader) -> Result<Study, Study
         Some(_) => Vec::new(),
     };
     let seed = document.seed.as_ref().map_or(Ok(1), |seed| file.count("seed", seed, 0, i64::MAX))? as u64;
-    let template = Template::read((&scenarios, experiment.as_deref()), meshes, &determining(text))
+    let template = Template::read((&scenarios, experiment.as_deref()), access, &determining(text))
         .map_err(|source| StudyError::Scenario { study: path.display().to_string(), source })?;
     Ok(Study {
         name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
@@ -241,8 +240,8 @@ fn scenarios(file: &Source, path: &Path, document: &Document, factors: &[Factor]
     let folder = path.parent().unwrap_or(Path::new(""));
     let found = |name: &str, span: std::ops::Range<usize>| {
         let target = folder.join(name);
-        outside::check(path, &target)
-            .map_err(|what| file.problem(span.clone(), format!("`scenario` is \"{name}\", which {what}")))?;
+        let check = file.access.check(path, &target);
+        check.map_err(|what| file.problem(span.clone(), format!("`scenario` is \"{name}\", which {what}")))?;
         if target.is_file() {
             return Ok(target);
         }
@@ -661,7 +660,7 @@ fn named(file: &Source, key: &str, name: &Spanned<String>, factors: &[Factor]) -
 /// Reads a study without meshes, for tests.
 #[cfg(test)]
 fn parsed(text: &str) -> Result<Study, StudyError> {
-    parse(text, Path::new("../../scenarios/studies/test.toml"), deltatwin::cell::no_meshes)
+    parse(text, Path::new("../../scenarios/studies/test.toml"), Access::PLAIN)
 }
 
 #[cfg(test)]
@@ -720,7 +719,7 @@ mod tests {
                      [[factors]]\nname = \"friction\"\nkey = \"model.effects.drive_friction.viscous.1\"\n\
                      change = \"multiply\"\nlevels = [2]\n";
         std::fs::write(at("study.toml"), study).unwrap();
-        let read = || super::read(&at("study.toml"), deltatwin::cell::no_meshes);
+        let read = || super::read(&at("study.toml"), Access::PLAIN);
         let study = read().unwrap();
         let error = study.files(&[Setting::Level(1), Setting::Unset], None).err().unwrap();
         assert!(error.contains("model.covariance.csv") && error.contains("identify -o"), "{error}");

@@ -4,7 +4,6 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-use deltatwin::cell::MeshReader;
 use deltatwin::identification::uncertainty::Uncertainty;
 use deltatwin::model::Model;
 use deltatwin::scenario::Scenario;
@@ -13,7 +12,7 @@ use toml::{Table, Value};
 use super::factor::{Change, Factor, Range, Setting};
 use super::tree;
 use crate::model::{self, uncertainty};
-use crate::outside;
+use crate::outside::Access;
 use crate::scenario::{self, ScenarioError};
 use crate::source::Problem;
 
@@ -65,7 +64,7 @@ struct Source {
 #[derive(Clone)]
 pub(super) struct Template {
     bases: Vec<Base>,
-    meshes: MeshReader,
+    access: Access,
     contents: Vec<(String, Vec<u8>)>,
     models: Arc<Mutex<HashMap<PathBuf, Arc<Source>>>>,
     uncertainties: Arc<Mutex<HashMap<PathBuf, Arc<Uncertainty>>>>,
@@ -113,13 +112,13 @@ impl Template {
     /// The scenarios in the files at `paths`, or the model of an experiment, and all files that they and the `study` name.
     pub fn read(
         (paths, experiment): (&[PathBuf], Option<&Path>),
-        meshes: MeshReader,
+        access: Access,
         study: &Table,
     ) -> Result<Self, ScenarioError> {
         let mut bases = Vec::new();
         for path in paths {
             let text = ScenarioError::text(path)?;
-            scenario::parse_with(&text, path, meshes)
+            scenario::parse_with(&text, path, access)
                 .map_err(|e| e.unless_other(crate::kind::Kind::Scenario, &text, path))?;
             let tree = text
                 .parse()
@@ -127,7 +126,7 @@ impl Template {
             bases.push(Base { path: path.clone(), tree });
         }
         let mut template =
-            Self { bases, meshes, contents: Vec::new(), models: Arc::default(), uncertainties: Arc::default() };
+            Self { bases, access, contents: Vec::new(), models: Arc::default(), uncertainties: Arc::default() };
         template.contents = template.all_contents(experiment, study)?;
         Ok(template)
     }
@@ -147,7 +146,7 @@ impl Template {
         for base in &self.bases {
             let folder = base.path.parent().unwrap_or(Path::new(""));
             for table in [&base.tree, study] {
-                table.values().for_each(|value| files_in(value, folder, &mut named));
+                table.values().for_each(|value| self.files_in(value, folder, &mut named));
             }
         }
         if let Some(model) = experiment {
@@ -193,7 +192,7 @@ impl Template {
             tree::change(&mut tree, &key, &value, change)?;
         }
         let text = tree.to_string();
-        let scenario = scenario::parse_with(&text, &base.path, self.meshes).map_err(|e| said(&e))?;
+        let scenario = scenario::parse_with(&text, &base.path, self.access).map_err(|e| said(&e))?;
         let scenario = if run.speed == 1.0 { scenario } else { scenario.faster(run.speed) };
         let model = self.model(&scenario.model, &run.model)?;
         let other = scenario.controller_model.as_ref();
@@ -339,17 +338,19 @@ fn value(factor: &Factor, setting: Setting) -> Result<Value, String> {
     }
 }
 
-/// Adds the files that a value names relative to `folder`, by the names that it gives them.
-fn files_in(value: &Value, folder: &Path, found: &mut BTreeMap<String, PathBuf>) {
-    match value {
-        Value::String(name) => {
-            let file = folder.join(name);
-            if !name.is_empty() && file.is_file() && outside::check(&folder.join("study"), &file).is_ok() {
-                found.insert(name.clone(), file);
+impl Template {
+    /// Adds the files that a value names relative to `folder`, by the names that it gives them.
+    fn files_in(&self, value: &Value, folder: &Path, found: &mut BTreeMap<String, PathBuf>) {
+        match value {
+            Value::String(name) => {
+                let file = folder.join(name);
+                if !name.is_empty() && file.is_file() && self.access.check(&folder.join("study"), &file).is_ok() {
+                    found.insert(name.clone(), file);
+                }
             }
+            Value::Array(items) => items.iter().for_each(|item| self.files_in(item, folder, found)),
+            Value::Table(table) => table.values().for_each(|item| self.files_in(item, folder, found)),
+            _ => {}
         }
-        Value::Array(items) => items.iter().for_each(|item| files_in(item, folder, found)),
-        Value::Table(table) => table.values().for_each(|item| files_in(item, folder, found)),
-        _ => {}
     }
 }

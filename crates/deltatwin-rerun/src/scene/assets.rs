@@ -10,6 +10,7 @@ use super::Outcome;
 use super::content::Scene;
 use deltatwin::model::{MeshPart, Model};
 use deltatwin_io::model::meshes;
+use deltatwin_io::outside::Access;
 use miette::{IntoDiagnostic, WrapErr};
 
 /// Meshes of a model, read from their files.
@@ -29,17 +30,17 @@ pub struct Asset {
 const LARGEST: u64 = 64 << 20;
 
 impl Assets {
-    /// The meshes that `model` names.
+    /// The meshes that `model` names, as far as `access` admits.
     ///
     /// # Errors
     /// The key of the mesh and its file, if that is outside of the model's project or cannot be read.
-    pub fn of(model: &Model) -> miette::Result<Self> {
+    pub fn of(model: &Model, access: Access) -> miette::Result<Self> {
         let read = |(part, file): (MeshPart, PathBuf)| {
             let asset = Asset::read(&file, model.meshes.scale);
             let place = || format!("{}: [meshes] {} = {}", model.name, part.key(), file.display());
             asset.into_diagnostic().wrap_err_with(place).map(|asset| (part, asset))
         };
-        meshes::files(model)?.into_iter().map(read).collect::<miette::Result<_>>().map(Self)
+        meshes::files(model, access)?.into_iter().map(read).collect::<miette::Result<_>>().map(Self)
     }
 }
 
@@ -102,10 +103,10 @@ mod tests {
         let file = folder.path().join("own.toml");
         std::fs::write(&file, text + "\n[meshes]\nscale = 0.001\narm = \"arm.stl\"\n").unwrap();
         let model = deltatwin_io::model::read(&file).unwrap();
-        let missing = format!("{:?}", Assets::of(&model).unwrap_err());
+        let missing = format!("{:?}", Assets::of(&model, Access::PROJECT).unwrap_err());
         assert!(missing.contains("[meshes] arm") && missing.contains("arm.stl"), "{missing}");
         std::fs::write(folder.path().join("arm.stl"), tetrahedron()).unwrap();
-        let assets = Assets::of(&model).unwrap();
+        let assets = Assets::of(&model, Access::PROJECT).unwrap();
 
         let motion = Motion::assembled(&model.geometry, &JointState::default()).unwrap();
         let mut scene = Scene::new(model.mechanism, &model.geometry, vec![0.0], vec![motion.poses()]);

@@ -42,6 +42,20 @@ pub enum CampaignError {
         /// Digest of the campaign.
         expected: String,
     },
+    /// Rows of the same campaign by another build are in the way: their physics may differ.
+    #[error(
+        "{}: was made by another build of deltatwin, {}, this one is {}; expected an empty folder, or the build that \
+         began",
+        file.display(), short(found), short(expected)
+    )]
+    OtherBuild {
+        /// The file.
+        file: PathBuf,
+        /// Build that made what is there.
+        found: String,
+        /// This build.
+        expected: String,
+    },
     /// Another process makes the same chunk.
     #[error("{}: another process is making this chunk", file.display())]
     Taken {
@@ -73,6 +87,15 @@ pub enum CampaignError {
     /// The watch asked to stop; what was done is kept.
     #[error("interrupted")]
     Interrupted,
+}
+
+/// The beginning of a digest, which is enough to tell two apart.
+fn short(digest: &str) -> &str {
+    match digest.get(..12) {
+        Some(short) => short,
+        None if digest.is_empty() => "unnamed",
+        None => digest,
+    }
 }
 
 impl CampaignError {

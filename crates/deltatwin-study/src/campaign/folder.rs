@@ -16,14 +16,22 @@ pub const TABLE: &str = "runs.parquet";
 pub(super) const PARTS: &str = "parts";
 /// Keys of the metadata of parts and tables.
 const DIGEST: &str = "digest";
+const BUILD_KEY: &str = "build";
 pub(super) const FIRST: &str = "first_run";
+
+/// This build of deltatwin: SHA-256 of all sources on which rows depend.
+///
+/// It is the same for the program and the Python package, on every machine, if they are built from the same sources.
+pub const BUILD: &str = env!("DELTATWIN_BUILD");
 
 /// A campaign: runs 0 to `runs`, one row each, in a folder.
 pub struct Campaign {
     /// Folder of the parts and the table.
     pub folder: PathBuf,
-    /// Digest of all that determines the rows.
+    /// Digest of all that determines the rows, besides the program.
     pub digest: Digest,
+    /// The build that makes the rows: [`BUILD`].
+    pub build: String,
     /// Headings of the rows.
     pub headings: Vec<Heading>,
     /// Further metadata of the table.
@@ -57,7 +65,7 @@ impl Campaign {
     /// What the folder holds of this campaign.
     ///
     /// # Errors
-    /// If its table is of another campaign or cannot be read.
+    /// If its table is of another campaign, made by another build, or cannot be read.
     pub fn held(&self) -> Result<Held, CampaignError> {
         let table = self.table();
         if !table.is_file() {
@@ -67,13 +75,18 @@ impl Campaign {
         Ok(Held::Table)
     }
 
-    /// A table of this campaign.
+    /// A table of this campaign, made by this build.
     pub(super) fn own(&self, file: &Path) -> Result<Reader, CampaignError> {
         let reader = Reader::open(file).map_err(CampaignError::content(file))?;
-        let found = reader.metadata().iter().find(|(key, _)| key == DIGEST).map_or("", |(_, value)| value);
-        let expected = self.digest.hex();
-        if found != expected || reader.headings() != self.headings {
+        let entry = |name| reader.metadata().iter().find(|(key, _)| key == name).map_or("", |(_, value)| value);
+        let (found, expected) = (entry(DIGEST), self.digest.hex());
+        if found != expected {
             return Err(CampaignError::Foreign { file: file.into(), found: found.into(), expected });
+        }
+        let found = entry(BUILD_KEY);
+        if found != self.build || reader.headings() != self.headings {
+            let (found, expected) = (found.into(), self.build.clone());
+            return Err(CampaignError::OtherBuild { file: file.into(), found, expected });
         }
         Ok(reader)
     }
@@ -119,6 +132,7 @@ impl Campaign {
         let mut out = BufWriter::new(File::create(&temporary).map_err(CampaignError::io(&temporary))?);
         let mut all = self.metadata.clone();
         all.push((DIGEST.into(), self.digest.hex()));
+        all.push((BUILD_KEY.into(), self.build.clone()));
         all.extend(metadata.iter().cloned());
         let mut writer = Writer::new(&mut out, &self.headings, &all).map_err(CampaignError::content(&temporary))?;
         rows(&mut writer)?;

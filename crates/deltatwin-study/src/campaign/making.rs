@@ -80,13 +80,13 @@ impl Campaign {
         let parts = self.folder.join(PARTS);
         std::fs::create_dir_all(&parts).map_err(CampaignError::io(&parts))?;
         let path = self.journal(chunk);
-        let title = format!("deltatwin study {} chunk {chunk}", self.digest.hex());
+        let title = format!("deltatwin study {} build {} chunk {chunk}", self.digest.hex(), self.build);
         let journal = Journal::open(&path, &title, first).map_err(|fault| match fault {
             Fault::Io(reason) => CampaignError::Io { file: path.clone(), reason },
             Fault::Taken => CampaignError::Taken { file: path.clone() },
             Fault::Foreign => CampaignError::Foreign {
                 file: path.clone(),
-                found: "of another study".into(),
+                found: "of another study or another build of deltatwin".into(),
                 expected: self.digest.hex(),
             },
         })?;

@@ -16,6 +16,6 @@ pub use chunk::Chunk;
 pub(crate) use digest::unit;
 pub use digest::{Digest, Draws};
 pub use error::CampaignError;
-pub use folder::{Campaign, Held, TABLE};
+pub use folder::{BUILD, Campaign, Held, TABLE};
 pub use making::{Row, Steps, Watch};
 pub use table::{Column, Heading, Kind, Table, Value};

@@ -25,7 +25,8 @@ fn watch(most: u64) -> Silent {
 fn campaign(folder: &Path) -> Campaign {
     let headings = vec![Heading::new("run", "1", Kind::Integer), Heading::new("x", "m", Kind::Float)];
     let digest = Digest::of([("test", &b"1"[..])]);
-    Campaign { folder: folder.into(), digest, headings, metadata: vec![("study".into(), "text".into())] }
+    let metadata = vec![("study".into(), "text".into())];
+    Campaign { folder: folder.into(), digest, build: BUILD.into(), headings, metadata }
 }
 
 fn work(run: u64) -> Row {
@@ -97,6 +98,30 @@ fn what_is_missing_or_foreign_is_named() {
     assert!(matches!(campaign.merge(Some(10)), Err(CampaignError::Content { .. })));
     other.clear().unwrap();
     assert!(matches!(campaign.merge(Some(10)), Err(CampaignError::Incomplete { missing: 10, .. })));
+}
+
+#[test]
+fn rows_of_two_builds_are_not_mixed() {
+    // The name is a SHA-256.
+    assert!(BUILD.len() == 64 && BUILD.bytes().all(|b| b.is_ascii_hexdigit()), "{BUILD}");
+    let folder = tempfile::tempdir().unwrap();
+    let (own, other) = (campaign(folder.path()), Campaign { build: "0".repeat(64), ..campaign(folder.path()) });
+    let [first, second] = [1, 2].map(|k| Chunk::new(k, 2).unwrap());
+    own.chunk(first, 10, &work, &watch(u64::MAX)).unwrap();
+    // A part, a journal, the whole and the table.
+    let refused = |end: Result<(), CampaignError>| match end {
+        Err(error @ CampaignError::OtherBuild { .. }) => assert!(error.to_string().contains(&BUILD[..12]), "{error}"),
+        end => panic!("{end:?}"),
+    };
+    refused(other.chunk(first, 10, &work, &watch(u64::MAX)));
+    assert!(matches!(own.chunk(second, 10, &work, &watch(2)), Err(CampaignError::Interrupted)));
+    let journal = other.chunk(second, 10, &work, &watch(u64::MAX));
+    assert!(matches!(journal, Err(CampaignError::Foreign { .. })), "{journal:?}");
+    own.chunk(second, 10, &work, &watch(u64::MAX)).unwrap();
+    refused(other.merge(Some(10)).map(drop));
+    own.merge(Some(10)).unwrap();
+    refused(other.held().map(drop));
+    assert_eq!(own.held().unwrap(), Held::Table);
 }
 
 #[test]

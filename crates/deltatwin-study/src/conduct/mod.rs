@@ -15,7 +15,7 @@ use miette::Diagnostic;
 use thiserror::Error;
 
 use crate::campaign::parquet::Reader;
-use crate::campaign::{Campaign, CampaignError, Chunk, Digest, Draws, Heading, Held, Row, Steps, Value, Watch};
+use crate::campaign::{BUILD, Campaign, CampaignError, Chunk, Digest, Draws, Heading, Held, Row, Steps, Value, Watch};
 use crate::design::{Plan, Point, evolution, nominal, normal_share, root};
 use crate::run::{Case, CauseKind, Keep, Naming, Outcome, RunError, Verdict, run};
 use crate::statistics::{Subset, SubsetError, SubsetOptions, subset};
@@ -357,7 +357,8 @@ impl Conduct {
     }
 }
 
-/// The campaign of a study with rows under `headings` in `folder`, and its random numbers.
+/// The campaign of a study with rows under `headings` in `folder`, and its random numbers, which do not depend on the
+/// build: the same runs can be compared between two.
 pub fn campaign(study: &Study, headings: Vec<Heading>, folder: &Path) -> (Campaign, Draws) {
     let version = [("program", env!("CARGO_PKG_VERSION").as_bytes()), ("rows", FORMAT.as_bytes())];
     let seed = study.seed.to_le_bytes();
@@ -373,7 +374,8 @@ pub fn campaign(study: &Study, headings: Vec<Heading>, folder: &Path) -> (Campai
         ("design".into(), study.design.name().into()),
         ("seed".into(), study.seed.to_string()),
     ];
-    (Campaign { folder: folder.into(), digest, headings, metadata }, Draws::new(&digest, study.seed))
+    let campaign = Campaign { folder: folder.into(), digest, build: BUILD.into(), headings, metadata };
+    (campaign, Draws::new(&digest, study.seed))
 }
 
 /// Folder of the recordings in a study's folder.

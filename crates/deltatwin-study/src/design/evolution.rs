@@ -15,8 +15,8 @@ const PER_COORDINATE: usize = 6;
 /// Searches for the point of least value by differential evolution, current-to-best/1/bin [Storn and Price 1997]; `values` is
 /// asked for the values of whole generations, `most` points in all.
 ///
-/// The first generation is a Latin hypercube. A coordinate beyond the cube is put on its face, since the least values are
-/// often at corners.
+/// The first generation is a Latin hypercube, and all corners where these are at most half of it; least values are often
+/// at corners, for which reason a coordinate beyond the cube is put on its face.
 ///
 /// # Errors
 /// The first error of `values`.
@@ -32,6 +32,9 @@ pub fn minimise<E>(
         |i: usize, d: usize, jitter: f64| (permuted(i as u64, size as u64, keys[d]) as f64 + jitter) / size as f64;
     let mut points: Vec<Vec<f64>> =
         (0..size).map(|i| (0..dimensions).map(|d| start(i, d, rng.random())).collect()).collect();
+    for (point, corner) in points.iter_mut().zip(corners(dimensions, size / 2)) {
+        *point = corner;
+    }
     let mut scores = values(&points)?;
     let mut left = most - size;
     while left > 0 {
@@ -45,6 +48,12 @@ pub fn minimise<E>(
         }
     }
     Ok(())
+}
+
+/// Corners of the unit cube, if there are at most `most`; none otherwise.
+fn corners(dimensions: usize, most: usize) -> impl Iterator<Item = Vec<f64>> {
+    let count = 1_usize.checked_shl(dimensions as u32).filter(|count| *count <= most).unwrap_or(0);
+    (0..count).map(move |corner| (0..dimensions).map(|d| (corner >> d & 1) as f64).collect())
 }
 
 fn trial(points: &[Vec<f64>], (i, best): (usize, usize), rng: &mut ChaCha8Rng) -> Vec<f64> {
@@ -109,6 +118,8 @@ mod tests {
     #[test]
     fn few_points_and_infinite_values_are_no_harm() {
         assert_eq!(least(3, 5, |x| x[0]).2, 5);
+        // Two coordinates have four corners, of which one is the least of what is monotone.
+        assert_eq!(least(2, 12, |x| x[0] - x[1]).0, -1.0);
         let half = least(2, 400, |x| if x[0] < 0.5 { f64::INFINITY } else { x[0] });
         assert!(half.0 < 0.51, "{half:?}");
     }

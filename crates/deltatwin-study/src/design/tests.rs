@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use deltatwin::cell::no_meshes;
+use deltatwin_io::outside::Access;
 use deltatwin_io::study::parse;
 
 use super::*;
@@ -14,7 +14,7 @@ fn plan(design: &str, factors: &[&str]) -> Plan {
     for (k, factor) in factors.iter().enumerate() {
         text += &format!("[[factors]]\nname = \"f{k}\"\nkey = \"payload.com.{}\"\n{factor}\n", 1 + k % 3);
     }
-    let study = parse(&text, Path::new("../../scenarios/studies/test.toml"), no_meshes).unwrap();
+    let study = parse(&text, Path::new("../../scenarios/studies/test.toml"), Access::PLAIN).unwrap();
     Plan::new(&study, Draws::new(&Digest::of([("test", text.as_bytes())]), study.seed))
 }
 

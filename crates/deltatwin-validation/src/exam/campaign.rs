@@ -32,6 +32,8 @@ pub struct Case {
     pub outside: Option<Outside>,
     /// Size of the hidden effects.
     pub size: Size,
+    /// Factor on that size.
+    pub scale: f64,
     /// Kind of torque noise.
     pub noise: Noise,
     /// Kind of motion.
@@ -51,6 +53,7 @@ impl Default for Case {
             effects: Vec::new(),
             outside: None,
             size: Size::Medium,
+            scale: 1.0,
             noise: Noise::White,
             motion: MotionKind::Wideband,
             strut_sensor: true,
@@ -147,7 +150,8 @@ pub fn hideable(model: &Model) -> Vec<Arc<dyn Effect>> {
 /// # Errors
 /// As [`prepare`] and [`Prepared::record`].
 pub fn campaign(model: &Model, case: &Case, progress: &(dyn Fn(usize, f64) + Sync)) -> Result<Campaign, CampaignError> {
-    let outside: Vec<Arc<dyn Effect>> = case.outside.iter().map(|law| Arc::new(law.effect()) as _).collect();
+    let outside: Vec<Arc<dyn Effect>> =
+        case.outside.iter().map(|law| Arc::new(law.effect(model.mechanism)) as _).collect();
     campaign_with(model, case, &outside, progress)
 }
 
@@ -219,7 +223,7 @@ pub fn prepare(model: &Model, case: &Case, beyond: &[Arc<dyn Effect>]) -> Result
         let sizer = Sizer::new(&robot, &setup, &motions[0], case.duration, &channels, &sigma)?;
         let mut rng = case.random(Stream::Effects);
         for effect in wanted {
-            hidden.push(sizer.draw(effect, case.size, &mut rng)?);
+            hidden.push(sizer.draw(effect, case.scale * case.size.factor(), &mut rng)?);
         }
         unspanned = case.outside.map(|law| sizer.unspanned(law)).transpose()?.flatten();
     }

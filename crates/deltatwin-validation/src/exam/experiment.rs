@@ -39,6 +39,8 @@ pub struct Experiments {
 const KEYS: [&str; 7] = ["effect", "size", "noise", "motion", "duration", "payload", "strut_sensor"];
 /// Shortest and longest recording, s.
 const DURATION: (f64, f64) = (1.0, 600.0);
+/// Least and largest size as a number, relative to medium size.
+const SCALE: (f64, f64) = (1e-3, 100.0);
 /// Level of `effect` with which nothing is hidden.
 const NOTHING: &str = "none";
 
@@ -122,21 +124,21 @@ impl Experiments {
                         _ => return wrong(&[&[NOTHING], &known[..]].concat()),
                     }
                 }
-                "size" => match Size::ALL.iter().find(|size| size.name() == text) {
-                    Some(size) => case.size = *size,
-                    None => return wrong(&Size::ALL.map(Size::name)),
+                "size" => match (Size::ALL.iter().find(|size| size.name() == text), text.parse::<f64>()) {
+                    (Some(size), _) => (case.size, case.scale) = (*size, 1.0),
+                    (None, Ok(scale)) if (SCALE.0..=SCALE.1).contains(&scale) => {
+                        (case.size, case.scale) = (Size::Medium, scale);
+                    }
+                    _ => return wrong(&[&Size::ALL.map(Size::name)[..], &["0.001 to 100 of medium size"]].concat()),
                 },
                 "noise" => match Noise::ALL.iter().find(|noise| noise.name() == text) {
                     Some(noise) => case.noise = *noise,
                     None => return wrong(&Noise::ALL.map(Noise::name)),
                 },
-                "motion" => {
-                    let all = [MotionKind::Fourier, MotionKind::Wideband, MotionKind::Cycle];
-                    match all.iter().find(|motion| motion.name() == text) {
-                        Some(motion) => case.motion = *motion,
-                        None => return wrong(&all.map(MotionKind::name)),
-                    }
-                }
+                "motion" => match MotionKind::ALL.iter().find(|motion| motion.name() == text) {
+                    Some(motion) => case.motion = *motion,
+                    None => return wrong(&MotionKind::ALL.map(MotionKind::name)),
+                },
                 "duration" => match text.parse::<f64>() {
                     Ok(x) if (DURATION.0..=DURATION.1).contains(&x) => case.duration = x,
                     _ => return wrong(&["a number from 1 to 600 s"]),

@@ -1,9 +1,11 @@
 //! Exam of the diagnosis: campaigns with a known truth are drawn from seeds, simulated, diagnosed and graded.
 //!
 //! A [`Case`] specifies the hidden effects, their size and the noise; [`campaign()`] simulates it; [`folder`] stores
-//! recordings, truth and answer; [`mod@judge`] runs the diagnosis and grades its answer.
+//! recordings, truth and answer; [`mod@judge`] runs the diagnosis and grades its answer. An [`Exam`] does all of it for
+//! the campaigns of a [`plan::Plan`], chunk by chunk.
 
 pub mod campaign;
+pub mod conduct;
 pub mod experiment;
 pub mod figures;
 pub mod folder;
@@ -18,6 +20,7 @@ pub mod size;
 pub mod span;
 
 pub use campaign::{Campaign, CampaignError, Case, campaign, campaign_with, hideable, perturb};
+pub use conduct::Exam;
 pub use judge::{Answer, Grade, judge};
 pub use motion::MotionKind;
 pub use noise::Noise;

@@ -25,6 +25,9 @@ pub enum MotionKind {
 }
 
 impl MotionKind {
+    /// All kinds.
+    pub const ALL: [Self; 3] = [Self::Fourier, Self::Wideband, Self::Cycle];
+
     /// Name in files.
     pub fn name(self) -> &'static str {
         match self {

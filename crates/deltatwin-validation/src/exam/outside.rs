@@ -3,6 +3,7 @@
 pub mod published;
 
 use deltatwin::effects::formula::{Expression, Formula, Place, Term};
+use deltatwin::machine::Mechanism;
 use published::{PUBLISHED, Published};
 
 /// A law outside the library.
@@ -81,14 +82,14 @@ impl Outside {
         PUBLISHED.iter().find(|published| published.law.name == self.name)
     }
 
-    /// Formula effect with this law.
+    /// Formula effect with this law on `machine`.
     ///
     /// # Panics
     /// If the place or the law cannot be parsed, which does not occur for the laws of [`Outside::all`].
-    pub fn effect(self) -> Formula {
+    pub fn effect(self, machine: Mechanism) -> Formula {
         let at = Place::named(self.at).expect("a place of a formula");
         let law = Expression::parse(self.law).expect("an expression");
-        Formula::new(vec![(Term { name: self.name.into(), at, law }, 1.0)], false)
+        Formula::new(vec![(Term { name: self.name.into(), at, law }, 1.0)], false, machine)
     }
 }
 
@@ -100,7 +101,7 @@ mod tests {
     fn every_law_is_a_formula_and_found_by_its_name() {
         for law in Outside::all() {
             assert_eq!(Outside::named(law.name), Some(law));
-            assert_eq!(law.effect().terms.len(), 1);
+            assert_eq!(law.effect(Mechanism::default()).terms.len(), 1);
             assert!(Place::named(law.at).is_some());
         }
         assert_eq!(Outside::named("gremlins"), None);

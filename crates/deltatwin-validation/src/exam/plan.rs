@@ -105,6 +105,7 @@ impl Plan {
             effects,
             outside: None,
             size,
+            scale: 1.0,
             noise,
             motion: self.motion,
             duration: self.duration,

@@ -175,7 +175,7 @@ impl<'a> Sizer<'a> {
         Ok(Self { robot, setup, dataset, noise: noise.to_vec(), base, inverse, prior })
     }
 
-    /// Effect with drawn values of the given size.
+    /// Effect with drawn values, `size` times as large as one of medium size ([`Size::factor`]).
     ///
     /// # Errors
     /// If the effect cannot be computed along the motion or the model cannot be refitted.
@@ -185,7 +185,7 @@ impl<'a> Sizer<'a> {
     pub fn draw(
         &self,
         effect: Arc<dyn deltatwin::effects::Effect>,
-        size: Size,
+        size: f64,
         rng: &mut ChaCha8Rng,
     ) -> Result<Hidden, FitError> {
         let active = self.shaped(&effect, rng);
@@ -199,7 +199,7 @@ impl<'a> Sizer<'a> {
         if active.has_gears() {
             // Medium size is the usual compliance: gears sized by the residual would be ten times as stiff as any
             // real ones.
-            return self.hidden(active, &direction, size.factor(), None);
+            return self.hidden(active, &direction, size, None);
         }
         let left = self.left(&columns, &direction);
         let mut most = self.most(&active, &direction);
@@ -230,7 +230,7 @@ impl<'a> Sizer<'a> {
                 medium *= ((wanted * wanted - 1.0f64).sqrt() / exact).clamp(0.2, 5.0);
             }
         }
-        let asked = size.factor() * medium;
+        let asked = size * medium;
         // An effect that is invisible at any size keeps its usual one.
         let scale = if medium > most && left[channel] * most < SILENT { most.min(1.0) } else { asked.min(most) };
         self.hidden(active, &direction, scale, Some((channel, scale < asked)))
@@ -338,7 +338,7 @@ impl<'a> Sizer<'a> {
     /// # Errors
     /// If the machine cannot follow the motion.
     pub fn unspanned(&self, law: Outside) -> Result<Option<f64>, FitError> {
-        let terms = &law.effect().terms;
+        let terms = &law.effect(self.robot.mechanism).terms;
         span::unspanned(self.robot, &self.dataset, &self.noise, terms[0].at, &terms[0].law)
     }
 

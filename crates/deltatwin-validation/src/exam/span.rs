@@ -336,7 +336,7 @@ mod tests {
         let outside = Outside { name: "law", at, law };
         let case = Case { outside: Some(outside), motion: MotionKind::Fourier, duration: 6.0, ..Case::default() };
         assert!(prepare(&model, &Case { outside: None, ..case.clone() }, &[]).unwrap().unspanned.is_none());
-        prepare(&model, &case, &[Arc::new(outside.effect())]).unwrap().unspanned
+        prepare(&model, &case, &[Arc::new(outside.effect(model.mechanism))]).unwrap().unspanned
     }
 
     #[test]

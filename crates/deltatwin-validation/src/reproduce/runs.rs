@@ -12,6 +12,7 @@ use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::scenario::Scenario;
 use deltatwin::twin::{Options, simulate};
+use deltatwin_io::outside::Access;
 use deltatwin_io::{model, scenario};
 
 /// A scenario on a machine.
@@ -112,8 +113,9 @@ impl Campaign {
     /// # Panics
     /// Never: there are as many scenarios as files.
     pub fn run(folder: &Path, seed: u64, progress: &(dyn Fn(f64) -> bool + Sync)) -> miette::Result<Self> {
-        let read =
-            |name: &str| scenario::read_with(&folder.join(name).with_extension("toml"), deltatwin_cell::mesh::read);
+        let read = |name: &str| {
+            scenario::read_with(&folder.join(name).with_extension("toml"), Access::with(deltatwin_cell::mesh::read))
+        };
         let scenarios = FILES.iter().map(|f| read(f)).collect::<Result<Vec<_>, _>>()?;
         let [arms, arms_check, rest, curve, excitation, verification, strut] = &scenarios[..] else {
             unreachable!("as many scenarios as files")

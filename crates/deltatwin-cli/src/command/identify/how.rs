@@ -37,9 +37,9 @@ pub struct How {
     /// Effect whose parameters stay as they are (`rigid_bodies` for the links); may be given several times.
     #[arg(long, value_name = "EFFECT")]
     hold: Vec<String>,
-    /// Whether the limbs of the assembled robot have the same parameters.
-    #[arg(long, value_enum, default_value_t = Limbs::Alike)]
-    limbs: Limbs,
+    /// Whether the limbs of the assembled robot have the same parameters [default: as the model's `limbs` says, alike].
+    #[arg(long, value_enum)]
+    limbs: Option<Limbs>,
     /// How many of its ten inertial parameters each link of the assembled robot has.
     #[arg(long, value_enum, default_value_t = Bodies::Symmetric)]
     bodies: Bodies,
@@ -92,7 +92,8 @@ enum Limbs {
     /// One set of parameters for all.
     Alike,
     /// A set for each.
-    Each,
+    #[value(alias = "each")]
+    Own,
 }
 
 /// Inertial parameters of the links.
@@ -145,14 +146,15 @@ impl How {
         &self.hold
     }
 
-    /// Parametrisation of the links.
-    pub fn links(&self) -> LinkParameters {
+    /// Parametrisation of the links of `model`.
+    pub fn links(&self, model: &Model) -> LinkParameters {
         let bodies = match self.bodies {
             Bodies::Symmetric => BodyParameters::Symmetric,
             Bodies::Aligned => BodyParameters::Aligned,
             Bodies::Complete => BodyParameters::Complete,
         };
-        LinkParameters { each_limb: self.limbs == Limbs::Each, bodies }
+        let each_limb = self.limbs.map_or(model.link_parameters.each_limb, |limbs| limbs == Limbs::Own);
+        LinkParameters { each_limb, bodies }
     }
 
     /// Method of differentiation.

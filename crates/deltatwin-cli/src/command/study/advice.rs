@@ -18,7 +18,7 @@ use crate::terminal::{BAD_ANSWER, Table, say, spinner, wrapped};
 /// Prints the cheapest remedies for a scenario, or for the nominal point of a study.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let case = case(args)?;
-    let read = |file| plan::read_with(file, Limits::of(case.planning()), deltatwin_cell::mesh::read);
+    let read = |file| plan::read_with(file, Limits::of(case.planning()), args.outside.access());
     let task = args.path.as_deref().map(read).transpose()?;
     let busy = spinner("trying remedies on the twin");
     let advice = advise(&case, task.as_ref(), args.wanted).into_diagnostic();
@@ -35,13 +35,13 @@ pub fn run(args: &Args) -> miette::Result<u8> {
 
 fn case(args: &Args) -> miette::Result<Case> {
     if kind(&args.study)? == Kind::Study {
-        let conduct = Conduct::new(study::read(&args.study, deltatwin_cell::mesh::read)?, Path::new(""))?;
+        let conduct = Conduct::new(study::read(&args.study, args.outside.access())?, Path::new(""))?;
         let settings = conduct.study.factors.iter().map(nominal).collect();
         return conduct
             .case(&Point { settings, seed: None })
             .map_err(|reason| miette::miette!("{}: its factors at their middles: {reason}", args.study.display()));
     }
-    let scenario = scenario::read_with(&args.study, deltatwin_cell::mesh::read)?;
+    let scenario = scenario::read_with(&args.study, args.outside.access())?;
     let machine = model::read(&scenario.model)?;
     let controller_model = scenario.controller_model.as_deref().map(model::read).transpose()?;
     let base = args.study.parent().unwrap_or(Path::new("")).to_path_buf();

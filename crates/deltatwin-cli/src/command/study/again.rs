@@ -1,5 +1,7 @@
 //! A run of a study made again.
 
+#[cfg(feature = "viewer")]
+use deltatwin_io::outside::Access;
 use serde_json::json;
 
 use super::{Args, COMPLETE, command};
@@ -24,7 +26,7 @@ pub fn run(args: &Args, conduct: &Conduct, run: u64) -> miette::Result<u8> {
     }
     #[cfg(feature = "viewer")]
     if let Some(file) = &args.rrd {
-        write_rerun(&remade, file)?;
+        write_rerun(&remade, file, args.outside.access())?;
     }
     if args.json {
         as_json(args, conduct, &remade)?
@@ -35,7 +37,7 @@ pub fn run(args: &Args, conduct: &Conduct, run: u64) -> miette::Result<u8> {
 }
 
 #[cfg(feature = "viewer")]
-fn write_rerun(remade: &Remade, file: &std::path::Path) -> miette::Result<()> {
+fn write_rerun(remade: &Remade, file: &std::path::Path, access: Access) -> miette::Result<()> {
     let outcome = &remade.outcome;
     let Some(recording) = &outcome.recording else {
         return Err(miette::miette!(
@@ -45,7 +47,7 @@ fn write_rerun(remade: &Remade, file: &std::path::Path) -> miette::Result<()> {
     };
     let (model, setup) = (&remade.case.model, &remade.case.scenario.setup);
     let plant = deltatwin::dynamics::Plant::new(model, setup);
-    let (options, assets) = (outcome.options.clone(), Assets::of(model)?);
+    let (options, assets) = (outcome.options.clone(), Assets::of(model, access)?);
     Stage { plant, options, desired: None, assets }.write(file, recording, &outcome.report)?;
     Ok(())
 }

@@ -93,6 +93,7 @@ fn tell(args: &Args, experiments: &Experiments) -> miette::Result<u8> {
         say(json!({
             "study": study.name,
             "digest": experiments.campaign.digest.hex(),
+            "build": experiments.campaign.build,
             "runs": rows.rows.len(),
             "right": right,
             "by": study.factors.iter().map(levels).collect::<serde_json::Map<_, _>>(),

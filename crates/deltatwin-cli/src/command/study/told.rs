@@ -26,6 +26,7 @@ pub fn part(args: &Args, conduct: &Conduct, chunk: Chunk) -> miette::Result<u8> 
         say(json!({
             "study": conduct.study.name,
             "digest": conduct.campaign.digest.hex(),
+            "build": conduct.campaign.build,
             "part": path(&part),
             "first_run": rows.start,
             "runs": rows.end - rows.start,
@@ -202,6 +203,7 @@ fn as_json(conduct: &Conduct, summary: &Summary, subset: Option<&Subset>) -> Val
         "study": conduct.study.name,
         "design": conduct.study.design.name(),
         "digest": conduct.campaign.digest.hex(),
+        "build": conduct.campaign.build,
         "runs": summary.runs,
         "failed": summary.failed,
         "errors": summary.errors,

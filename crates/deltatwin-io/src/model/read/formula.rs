@@ -43,7 +43,7 @@ pub(super) fn read(table: &Table, host: Host) -> Checked<ActiveEffect> {
     }
     let values: Vec<[f64; 1]> = terms.iter().map(|(_, coefficient)| [*coefficient]).collect();
     let blocks: Vec<&[f64]> = values.iter().map(|v| &v[..]).collect();
-    Ok(ActiveEffect { host, ..ActiveEffect::new(Arc::new(Formula::new(terms, empirical)), &blocks) })
+    Ok(ActiveEffect { host, ..ActiveEffect::new(Arc::new(Formula::new(terms, empirical, host.mechanism)), &blocks) })
 }
 
 fn read_term(table: &Table, host: Host) -> Checked<(Term, f64)> {
@@ -68,7 +68,7 @@ fn read_term(table: &Table, host: Host) -> Checked<(Term, f64)> {
         return Err(table.refuse("law", &format!("this machine has no `{}`; expected what it has", variable.name())));
     }
     let term = Term { name: name.into(), at, law };
-    let unit = host.mechanism.unit(term.unit());
+    let unit = term.unit(host.mechanism);
     let bounds = Bounds::between(-LIMIT, LIMIT);
     let coefficient = table.numbers("coefficient", Shape::One, &bounds, Some(unit))?[0];
     if table.entry("unit").is_some() && table.string("unit", &format!("\"{unit}\""))? != unit.to_string() {

@@ -37,7 +37,7 @@ pub(super) fn same(a: &Model, b: &Model) -> bool {
 /// Writes the model's formula to the document; returns how many coefficients changed.
 pub(super) fn edit(root: &mut Table, model: &Model, provenance: Option<&Provenance>) -> Result<usize> {
     let Some((active, formula)) = of(model) else { return Ok(0) };
-    let unit = |i: usize| model.mechanism.unit(formula.terms[i].unit());
+    let unit = |i: usize| formula.terms[i].unit(model.mechanism);
     // Unit, source and standard error of a coefficient.
     let fitted = |i: usize| {
         let name = format!("{NAME}.{}", formula.terms[i].name);

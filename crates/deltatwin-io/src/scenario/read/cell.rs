@@ -247,7 +247,7 @@ fn shape(file: &Source, table: &str, kind: &Spanned<String>, measures: &Measures
 fn mesh(file: &Source, key: &str, name: &Spanned<String>, scale: f64, convex: bool) -> Checked<(Shape, Vector3<f64>)> {
     let path = Path::new(&file.name).parent().unwrap_or(Path::new("")).join(name.get_ref());
     file.may_name(key, name, &path)?;
-    let (mesh, centre) = (file.meshes)(&path, scale, convex).map_err(|e| {
+    let (mesh, centre) = (file.access.meshes)(&path, scale, convex).map_err(|e| {
         let message = format!("`{key}` is \"{}\": {e}; expected an STL or OBJ file", name.get_ref());
         file.problem(name.span(), message)
     })?;
