@@ -19,7 +19,7 @@ use deltatwin_io::outside::Access;
 use deltatwin_io::{model, scenario};
 use deltatwin_rerun::scene::{Assets, Viewer};
 use deltatwin_rerun::show::Stage;
-use deltatwin_rerun::stream::Stream;
+use deltatwin_rerun::stream::{Pace, Stream};
 use deltatwin_rerun::web::WebViewer;
 use miette::{IntoDiagnostic, miette};
 use rerun::external::{re_grpc_client, re_log_types};
@@ -31,9 +31,9 @@ const TURNS: usize = 5;
 fn main() -> miette::Result<()> {
     let file = std::env::args().nth(1).unwrap_or_else(|| "scenarios/excitation.toml".into());
     let scenario = scenario::read_with(Path::new(&file), Access::with(deltatwin_cell::mesh::read))?;
-    let server = WebViewer::start().map_err(|e| miette!("{e}"))?;
-    cost(&scenario, &server)?;
-    latency(&scenario, &server)
+    let server = || WebViewer::start().map_err(|e| miette!("{e}"));
+    cost(&scenario, &server()?)?;
+    latency(&scenario, &server()?)
 }
 
 /// Simulates with a stream to `server`, if there is one, and calls `made` with the time of every frame; returns wall and
@@ -58,7 +58,8 @@ fn run(
                 assets: Assets::default(),
             };
             let viewer = Viewer::Connect(server.stream());
-            let (stream, watcher) = Stream::open(&viewer, "live", stage).map_err(|e| miette!("{e}"))?;
+            let (stream, watcher) = Stream::open(&viewer, "live", stage, if pace { Pace::Live } else { Pace::Fast })
+                .map_err(|e| miette!("{e}"))?;
             let see = move |frame: Option<&_>, events: &[_]| {
                 if let Some(deltatwin::twin::Frame { t, .. }) = frame {
                     made(*t);
@@ -107,16 +108,18 @@ fn cost(scenario: &Scenario, server: &WebViewer) -> miette::Result<()> {
 }
 
 fn latency(scenario: &Scenario, server: &WebViewer) -> miette::Result<()> {
+    let [wall, alone] = run(scenario, None, true, |_| {})?;
+    let [_, used] = run(scenario, Some(server), true, |_| {})?;
+    println!("in real time: {:.1} % of a core without, {:.1} % with the stream", 1e2 * alone / wall, 1e2 * used / wall);
+
     let made: Arc<Mutex<Vec<(f64, Instant)>>> = Arc::default();
     let seen: Arc<Mutex<Vec<(f64, Instant)>>> = Arc::default();
-    // What the server keeps of earlier runs comes first.
-    let reading = seen.clone();
-    let uri = server.stream();
+    let server = &WebViewer::start().map_err(|e| miette!("{e}"))?;
+    let (reading, uri) = (seen.clone(), server.stream());
     std::thread::spawn(move || read(&uri, &reading));
     std::thread::sleep(Duration::from_secs(2));
-    seen.lock().map_err(|_| miette!("the reader failed"))?.clear();
     let note = made.clone();
-    let [wall, used] = run(scenario, Some(server), true, move |t| {
+    run(scenario, Some(server), true, move |t| {
         if let Ok(mut made) = note.lock() {
             made.push((t, Instant::now()));
         }

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
-use crate::scene::{Live, Scene, Viewer, drives};
+use crate::scene::{Live, Problem, Scene, Viewer, drives};
 use crate::show::Stage;
 use deltatwin::recording::Signals;
 use deltatwin::twin::{Event, Frame, Watcher};
@@ -18,8 +18,30 @@ use deltatwin::twin::{Event, Frame, Watcher};
 const QUEUE: usize = 1000;
 /// Time between frames of a stream, s: what a display shows in real time.
 pub const SPACING: f64 = 1.0 / 60.0;
-/// Shortest time between two pieces, s: what it adds to the latency. A piece costs the same for one frame as for ten.
-const PIECE: Duration = Duration::from_millis(25);
+/// How often a stream sends what has come: a piece costs nearly the same for one frame as for ten.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// As a display shows it, for a run in real time: poses every 20 ms, curves every 40 ms.
+    Live,
+    /// Ten times per second, for a run that goes as fast as it can.
+    Fast,
+}
+
+impl Pace {
+    /// Shortest time between two pieces: what it adds to the latency of poses.
+    fn piece(self) -> Duration {
+        Duration::from_millis(match self {
+            Self::Live => 20,
+            Self::Fast => 100,
+        })
+    }
+
+    /// Whether piece `k` has curves.
+    fn has_curves(self, k: usize) -> bool {
+        self == Self::Fast || k.is_multiple_of(2)
+    }
+}
+
 /// Interval at which the thread checks for the end of the run, s.
 const PAUSE: Duration = Duration::from_millis(50);
 /// Time limit for the viewer at the end of a run, s: longer than that of [`Live::finish`].
@@ -36,17 +58,18 @@ pub struct Stream {
 }
 
 impl Stream {
-    /// Opens a stream called `name` to `viewer`; also returns the watcher of the run.
+    /// Opens a stream called `name` to `viewer` at `pace`; also returns the watcher of the run.
     ///
     /// # Errors
     /// If no viewer answers or none can be started, or the URL is not valid.
-    pub fn open(viewer: &Viewer, name: &str, stage: Stage) -> Result<(Self, Watcher), String> {
-        let live = Live::open(viewer, name, &piece(&stage, &[])).map_err(|e| e.to_string())?;
+    pub fn open(viewer: &Viewer, name: &str, stage: Stage, pace: Pace) -> Result<(Self, Watcher), String> {
+        let live = Live::open(viewer, name, &piece(&stage, &[], Some(&[]))).map_err(|e| e.to_string())?;
         let (queue, waiting) = sync_channel::<Update>(QUEUE);
         let (answer, done) = sync_channel(1);
         let over = Arc::new(AtomicBool::new(false));
         let ended = over.clone();
-        let work = move || forward(live, &stage, &waiting, &ended, &answer);
+        let shown = Shown { live, stage, pace, curves: Vec::new(), pieces: 0 };
+        let work = move || shown.forward(&waiting, &ended, &answer);
         std::thread::Builder::new().name("viewer".into()).spawn(work).map_err(|e| e.to_string())?;
         let lost = Arc::new(AtomicUsize::new(0));
         Ok((Self { done, over, lost: lost.clone() }, watcher(queue, lost)))
@@ -66,34 +89,53 @@ impl Stream {
     }
 }
 
-/// Sends updates until the run is over, then reports whether the viewer has received everything.
-fn forward(
-    mut live: Live,
-    stage: &Stage,
-    waiting: &Receiver<Update>,
-    over: &AtomicBool,
-    answer: &SyncSender<Result<(), String>>,
-) {
-    let mut sent = Ok(());
-    let mut due = Instant::now();
-    loop {
-        match waiting.recv_timeout(PAUSE) {
-            Ok(first) => {
-                // The first frame waits for the others of its piece.
-                std::thread::sleep(due.saturating_duration_since(Instant::now()));
-                due = Instant::now() + PIECE;
-                let updates: Vec<Update> = std::iter::once(first).chain(waiting.try_iter()).collect();
-                if sent.is_ok() {
-                    sent = live.send(&piece(stage, &updates));
+/// What the thread works with.
+struct Shown {
+    live: Live,
+    stage: Stage,
+    pace: Pace,
+    /// Frames whose curves are still to be sent.
+    curves: Vec<Frame>,
+    /// Number of pieces so far.
+    pieces: usize,
+}
+
+impl Shown {
+    /// Sends updates until the run is over, then reports whether the viewer has received everything.
+    fn forward(mut self, waiting: &Receiver<Update>, over: &AtomicBool, answer: &SyncSender<Result<(), String>>) {
+        let mut sent = Ok(());
+        let mut due = Instant::now();
+        loop {
+            match waiting.recv_timeout(PAUSE) {
+                Ok(first) => {
+                    // The first frame waits for the others of its piece.
+                    std::thread::sleep(due.saturating_duration_since(Instant::now()));
+                    due = Instant::now() + self.pace.piece();
+                    let updates: Vec<Update> = std::iter::once(first).chain(waiting.try_iter()).collect();
+                    if sent.is_ok() {
+                        let curves = self.pace.has_curves(self.pieces);
+                        sent = self.send(&updates, curves);
+                    }
                 }
+                Err(RecvTimeoutError::Timeout) if !over.load(Ordering::Relaxed) => {}
+                Err(_) => break,
             }
-            Err(RecvTimeoutError::Timeout) if !over.load(Ordering::Relaxed) => {}
-            Err(_) => break,
         }
+        let rest = sent.and_then(|()| self.send(&[], true));
+        let ended = rest.and_then(|()| self.live.finish()).map_err(|e| e.to_string());
+        // Dropping the stream may block on a viewer that does not answer; the result has already been reported.
+        answer.send(ended).ok();
     }
-    let ended = sent.and_then(|()| live.finish()).map_err(|e| e.to_string());
-    // Dropping the stream may block on a viewer that does not answer; the result has already been reported.
-    answer.send(ended).ok();
+
+    fn send(&mut self, updates: &[Update], curves: bool) -> Result<(), Problem> {
+        self.pieces += 1;
+        self.curves.extend(updates.iter().filter_map(|(frame, _)| frame.clone()));
+        self.live.send(&piece(&self.stage, updates, curves.then_some(self.curves.as_slice())))?;
+        if curves {
+            self.curves.clear();
+        }
+        Ok(())
+    }
 }
 
 fn watcher(queue: SyncSender<Update>, lost: Arc<AtomicUsize>) -> Watcher {
@@ -104,14 +146,18 @@ fn watcher(queue: SyncSender<Update>, lost: Arc<AtomicUsize>) -> Watcher {
     })
 }
 
-fn piece<'a>(stage: &'a Stage, updates: &[Update]) -> Scene<'a> {
+/// A piece of a stream, with the curves of the frames `curves`.
+fn piece<'a>(stage: &'a Stage, updates: &[Update], curves: Option<&[Frame]>) -> Scene<'a> {
     let frames: Vec<Frame> = updates.iter().filter_map(|(frame, _)| frame.clone()).collect();
     let events: Vec<Event> = updates.iter().flat_map(|(_, events)| events.clone()).collect();
     let mut scene = stage.scene(&frames, &events);
-    scene.series = drives(stage.plant.mechanism, &scene.times, |k| {
-        (frames.iter().map(|f| f.tau[k]).collect(), frames.iter().map(|f| f.q[k]).collect())
-    });
-    scene.series.extend(stage.loads(&frames, &Signals::default()));
+    if let Some(frames) = curves {
+        let times: Vec<f64> = frames.iter().map(|f| f.t).collect();
+        scene.series = drives(stage.plant.mechanism, &times, |k| {
+            (frames.iter().map(|f| f.tau[k]).collect(), frames.iter().map(|f| f.q[k]).collect())
+        });
+        scene.series.extend(stage.loads(frames, &Signals::default()));
+    }
     scene.eventful = true;
     scene
 }
@@ -175,7 +221,7 @@ mod tests {
             let model = deltatwin_io::model::read(std::path::Path::new("../../models/irb360-6-1600.toml")).unwrap();
             let plant = Plant::new(&model, &Setup::default());
             let stage = Stage { plant, options: Options::default(), desired: None, assets: Assets::default() };
-            let (stream, watcher) = Stream::open(&Viewer::Connect(url), "gone", stage).unwrap();
+            let (stream, watcher) = Stream::open(&Viewer::Connect(url), "gone", stage, Pace::Live).unwrap();
             let begun = Instant::now();
             for k in 0..5000 {
                 watcher.see(Some(&frame(SPACING * f64::from(k))), &[]);

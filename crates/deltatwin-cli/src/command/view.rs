@@ -6,7 +6,7 @@ use std::time::Duration;
 use deltatwin::twin::Options;
 use deltatwin_rerun::scene::Viewer;
 use deltatwin_rerun::show::Stage;
-use deltatwin_rerun::stream::Stream;
+use deltatwin_rerun::stream::{Pace, Stream};
 use deltatwin_rerun::web::WebViewer;
 
 use crate::terminal::{complain, interrupted};
@@ -130,7 +130,7 @@ impl LiveView {
         options: &mut Options,
     ) -> miette::Result<Option<Stream>> {
         let Some(viewer) = self.viewer() else { return Ok(None) };
-        Ok(match Stream::open(&viewer, name, stage()?) {
+        Ok(match Stream::open(&viewer, name, stage()?, if self.live { Pace::Live } else { Pace::Fast }) {
             Ok((stream, watcher)) => {
                 options.watcher = Some(watcher);
                 Some(stream)

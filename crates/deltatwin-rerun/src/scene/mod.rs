@@ -58,7 +58,8 @@ pub fn write_rrd(path: &Path, name: &str, scene: &Scene) -> Result<(), WriteErro
     file::replace(path, |out| out.write_all(&bytes))
 }
 
-type Problem = Box<dyn std::error::Error + Send + Sync>;
+/// Why something cannot be shown.
+pub type Problem = Box<dyn std::error::Error + Send + Sync>;
 type Outcome = Result<(), Problem>;
 
 fn encode(name: &str, scene: &Scene) -> Result<Vec<u8>, Problem> {

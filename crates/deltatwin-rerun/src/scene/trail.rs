@@ -53,6 +53,10 @@ pub(super) fn end(rec: &RecordingStream, scene: &Scene, known: &mut Known) -> Ou
     while known.trail.front().is_some_and(|(t, ..)| *t < last - BACK) {
         known.trail.pop_front();
     }
+    // It changes as rarely as curves do.
+    if scene.series.is_empty() {
+        return Ok(());
+    }
     let points: Vec<_> = known.trail.iter().collect();
     let path = a::LineStrips3D::update_fields()
         .with_strips(points.windows(2).map(|pair| vec![pair[0].1, pair[1].1]))
