@@ -11,6 +11,7 @@ const OUTSIDE: &[&str] = &[
     "clap_mangen",
     "csv",
     "ctrlc",
+    "httparse",
     "indicatif",
     "mcap",
     "mesh-loader",
@@ -26,7 +27,6 @@ const OUTSIDE: &[&str] = &[
     "serde_json",
     "tempfile",
     "textwrap",
-    "tiny_http",
     "toml",
     "toml_edit",
     "yaml-rust2",
@@ -35,6 +35,7 @@ const OUTSIDE: &[&str] = &[
 /// Crates that one of those around the library alone uses, and which one.
 const ALONE: &[(&str, &str)] = &[
     ("csv", "deltatwin-io"),
+    ("httparse", "deltatwin-studio"),
     ("mcap", "deltatwin-io"),
     ("mesh-loader", "deltatwin-cell"),
     ("parquet", "deltatwin-study"),
@@ -42,7 +43,6 @@ const ALONE: &[(&str, &str)] = &[
     ("rapier3d", "deltatwin-cell"),
     ("rumqttc-v4-next", "deltatwin-watch"),
     ("rusqlite", "deltatwin-io"),
-    ("tiny_http", "deltatwin-studio"),
     ("toml", "deltatwin-io"),
     ("toml_edit", "deltatwin-io"),
     ("yaml-rust2", "deltatwin-io"),
