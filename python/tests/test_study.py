@@ -62,7 +62,7 @@ def test_what_is_missing_is_told(tmp_path):
         dt.StudyPlan(tmp_path / "missing.toml", tmp_path)
 
 
-EXAM = {"effects": ["torque_bias"], "seeds": 2, "null": 1, "fast_null": 2, "duration": 3.0, "noise": ["white", "drift"]}
+EXAM = {"effects": ["torque_bias"], "seeds": 1, "null": 1, "fast_null": 1, "duration": 3.0, "noise": ["white", "drift"]}
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def examined(tmp_path_factory) -> str:
     """Digest of the table of an exam that one process makes."""
     folder = tmp_path_factory.mktemp("examined")
     table = dt.exam(ROOT / "models" / "irb360-6-1600.toml", folder, **EXAM)
-    assert len(table) == 5 and table["hidden"][1] == "torque_bias"
+    assert len(table) == 3 and table["hidden"][1] == "torque_bias"
     assert set(table["campaign"]) == {p.parent.name for p in folder.rglob("truth.json")}
     # A finished exam is only read.
     assert dt.exam(dt.Model.builtin("irb360-6-1600"), folder, **EXAM)["grade"] == table["grade"]
@@ -81,9 +81,9 @@ def examined(tmp_path_factory) -> str:
 
 def test_an_exam_in_chunks_is_the_same(examined, tmp_path):
     plan = dt.StudyPlan.of_exam(dt.Model.builtin("irb360-6-1600"), tmp_path, **EXAM)
-    assert plan.runs == 5 and plan.study is None and not plan.is_search
-    for number in (2, 1, 3):
-        plan.chunk(number, 3, threads=1, progress=False)
+    assert plan.runs == 3 and plan.study is None and not plan.is_search
+    for number in (2, 1):
+        plan.chunk(number, 2, threads=1, progress=False)
     plan.merge()
     assert digest(tmp_path) == examined
 
@@ -114,6 +114,8 @@ def test_gnu_parallel(alone, tmp_path):
 # Ray: three nodes on this machine, of which one is killed hard again and again.
 
 os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
+# Workers as prompt as the rest of a busy machine.
+os.environ["RAY_worker_niceness"] = "0"
 ray = pytest.importorskip("ray", reason="Ray is not installed")
 KILLS = int(os.environ.get("DELTATWIN_KILLS", "3"))
 
@@ -152,7 +154,7 @@ def test_an_exam_on_ray_is_the_same(examined, tmp_path):
     finally:
         ray.shutdown()
     assert digest(tmp_path) == examined
-    assert len(list(tmp_path.rglob("answer.json"))) == 5 and not list(tmp_path.rglob("*.csv"))
+    assert len(list(tmp_path.rglob("answer.json"))) == 3 and not list(tmp_path.rglob("*.csv"))
 
 
 def test_nodes_may_die(alone, tmp_path):
