@@ -42,8 +42,8 @@ const UNLOADED: [Wrench; BODIES] = [(Vector3::new(0.0, 0.0, 0.0), Vector3::new(0
 
 /// Upper bound of the relative acceleration assumed by `near`, m/s².
 const ACCELERATION: f64 = 300.0;
-/// Longest step, in units of √(m/k): 31 steps in a period of the oscillation on the contact.
-const STEP: f64 = 0.2;
+/// Longest step, in units of √(m/k).
+const STEP: f64 = 0.1;
 /// Largest penetration at the start of a run, m.
 const DEEPEST_START: f64 = 1e-3;
 /// Effective mass at the end of a strut, kg: a quarter of 0.179 kg ([Gnad 2024], Table 3).

@@ -114,7 +114,8 @@ fn rows_of_two_builds_are_not_mixed() {
         end => panic!("{end:?}"),
     };
     refused(other.chunk(first, 10, &work, &watch(u64::MAX)));
-    assert!(matches!(own.chunk(second, 10, &work, &watch(2)), Err(CampaignError::Interrupted)));
+    let broken = |run: u64| if run == 7 { Err("no disk".into()) } else { work(run) };
+    assert!(matches!(own.chunk(second, 10, &broken, &watch(u64::MAX)), Err(CampaignError::Run { run: 7, .. })));
     let journal = other.chunk(second, 10, &work, &watch(u64::MAX));
     assert!(matches!(journal, Err(CampaignError::Foreign { .. })), "{journal:?}");
     own.chunk(second, 10, &work, &watch(u64::MAX)).unwrap();
