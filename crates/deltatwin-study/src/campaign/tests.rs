@@ -107,19 +107,20 @@ fn rows_of_two_builds_are_not_mixed() {
     let folder = tempfile::tempdir().unwrap();
     let (own, other) = (campaign(folder.path()), Campaign { build: "0".repeat(64), ..campaign(folder.path()) });
     let [first, second] = [1, 2].map(|k| Chunk::new(k, 2).unwrap());
-    own.chunk(first, 1000, &work, &watch(u64::MAX)).unwrap();
+    own.chunk(first, 10, &work, &watch(u64::MAX)).unwrap();
     // A part, a journal, the whole and the table.
     let refused = |end: Result<(), CampaignError>| match end {
         Err(error @ CampaignError::OtherBuild { .. }) => assert!(error.to_string().contains(&BUILD[..12]), "{error}"),
         end => panic!("{end:?}"),
     };
-    refused(other.chunk(first, 1000, &work, &watch(u64::MAX)));
-    assert!(matches!(own.chunk(second, 1000, &work, &watch(2)), Err(CampaignError::Interrupted)));
-    let journal = other.chunk(second, 1000, &work, &watch(u64::MAX));
+    refused(other.chunk(first, 10, &work, &watch(u64::MAX)));
+    let broken = |run: u64| if run == 7 { Err("no disk".into()) } else { work(run) };
+    assert!(matches!(own.chunk(second, 10, &broken, &watch(u64::MAX)), Err(CampaignError::Run { run: 7, .. })));
+    let journal = other.chunk(second, 10, &work, &watch(u64::MAX));
     assert!(matches!(journal, Err(CampaignError::Foreign { .. })), "{journal:?}");
-    own.chunk(second, 1000, &work, &watch(u64::MAX)).unwrap();
-    refused(other.merge(Some(1000)).map(drop));
-    own.merge(Some(1000)).unwrap();
+    own.chunk(second, 10, &work, &watch(u64::MAX)).unwrap();
+    refused(other.merge(Some(10)).map(drop));
+    own.merge(Some(10)).unwrap();
     refused(other.held().map(drop));
     assert_eq!(own.held().unwrap(), Held::Table);
 }

@@ -115,7 +115,7 @@ pub const AFTER_LANDING: f64 = 0.05;
 /// Simulated time after the end of a motion in which it settles, s.
 const AFTER_MOTION: f64 = 0.1;
 /// Factor on the steps during contacts: the oscillation of a strut's end on its contact is followed with ωh = 0.3.
-const CONTACT_STEPS: f64 = 1.5;
+const CONTACT_STEPS: f64 = 3.0;
 
 impl Case {
     /// Model of the feed-forward.
