@@ -109,7 +109,7 @@ fn designed_motion_keeps_all_limits_between_the_instants_of_the_search() {
 
 #[test]
 fn designed_motion_beats_random_ones() {
-    let options = Options { harmonics: 5, randoms: 20, starts: 2, iterations: 40, ..Options::default() };
+    let options = Options { harmonics: 5, randoms: 20, starts: 2, iterations: 25, ..Options::default() };
     // Stops of the Hooke joints confine the designed motion, but hardly the random ones: with them the condition number
     // is 4.9 times smaller after as many steps.
     let mut model = model();

@@ -22,7 +22,7 @@ impl Telescope {
     pub fn between(lower: &Vector3<f64>, velocity: &Vector3<f64>, upper: &Vector3<f64>) -> Self {
         let bar = upper - lower;
         let length = bar.norm();
-        let axis = bar * (1.0 / length);
+        let axis = bar / length;
         Self { axis, length, rate: -axis.dot(velocity) }
     }
 
