@@ -235,11 +235,11 @@ def compute_chunk(
     ValueError
         If the study file here is not the one with ``digest``, or deltatwin here is not that ``build``.
     """
-    return _computed(partial(StudyPlan, study), digest, number, of, threads, build=build)
+    return _computed(partial(StudyPlan, study), digest, number, of, threads, build)
 
 
 def _computed(
-    make: _Plan, digest: str, number: int, of: int, threads: int = 1, *, build: str | None = None
+    make: _Plan, digest: str, number: int, of: int, threads: int = 1, build: str | None = None
 ) -> dict[str, bytes]:
     """The files of one chunk of a plan, computed in a folder of its own, by their relative names."""
     with tempfile.TemporaryDirectory(prefix="deltatwin-") as folder:
@@ -304,7 +304,7 @@ def _on_ray(
         todo = iter(missing)
         while True:
             while len(waiting) < most and (number := next(todo, None)) is not None:
-                waiting[task.remote(make, plan.digest, number, of, build=plan.build)] = number
+                waiting[task.remote(make, plan.digest, number, of, 1, plan.build)] = number
             if not waiting:
                 break
             ready, _ = ray.wait(list(waiting), num_returns=1, timeout=0.5)
@@ -313,7 +313,7 @@ def _on_ray(
                 try:
                     files = ray.get(reference)
                 except (ray.exceptions.ObjectLostError, ray.exceptions.WorkerCrashedError, ray.exceptions.NodeDiedError):
-                    waiting[task.remote(make, plan.digest, number, of, build=plan.build)] = number
+                    waiting[task.remote(make, plan.digest, number, of, 1, plan.build)] = number
                     continue
                 except ray.exceptions.RayTaskError as error:
                     raise error.as_instanceof_cause() from None
