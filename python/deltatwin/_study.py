@@ -239,7 +239,7 @@ def compute_chunk(
 
 
 def _computed(
-    make: _Plan, digest: str, number: int, of: int, threads: int = 1, build: str | None = None
+    make: _Plan, digest: str, number: int, of: int, threads: int, build: str | None
 ) -> dict[str, bytes]:
     """The files of one chunk of a plan, computed in a folder of its own, by their relative names."""
     with tempfile.TemporaryDirectory(prefix="deltatwin-") as folder:
