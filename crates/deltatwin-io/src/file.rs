@@ -2,7 +2,7 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -256,4 +256,35 @@ fn atomically(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> io::Resu
     temporary.persist(&path)?;
     sync_folder(&path);
     Ok(())
+}
+
+/// The way from the folder `folder` to `file`, both absolute; `file` itself on another drive.
+pub(crate) fn way(file: &Path, folder: &Path) -> PathBuf {
+    let mut plain: Vec<Component> = Vec::new();
+    for part in file.components() {
+        match part {
+            Component::ParentDir => drop(plain.pop()),
+            Component::CurDir => {}
+            other => plain.push(other),
+        }
+    }
+    let common = plain.iter().zip(folder.components()).take_while(|(a, b)| **a == *b).count();
+    if common == 0 {
+        return file.to_path_buf();
+    }
+    let up = folder.components().skip(common).map(|_| Component::ParentDir);
+    up.chain(plain.iter().copied().skip(common)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_found_from_another_folder() {
+        let from = |file: &str, folder: &str| way(Path::new(file), Path::new(folder)).display().to_string();
+        assert_eq!(from("/a/models/cad/arm.stl", "/a/models"), "cad/arm.stl");
+        assert_eq!(from("/a/models/cad/arm.stl", "/a/out/run1"), "../../models/cad/arm.stl");
+        assert_eq!(from("/a/models/../cad/arm.stl", "/a/out"), "../cad/arm.stl");
+    }
 }

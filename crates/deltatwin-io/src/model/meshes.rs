@@ -1,6 +1,6 @@
 //! The table `[meshes]`: files that show the machine's parts. They are named here and read where they are shown.
 
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 use deltatwin::machine::Mechanism;
 use deltatwin::model::{MeshPart, Meshes, Model};
@@ -9,6 +9,7 @@ use toml_edit::{Item, Table as Document, Value};
 
 use super::schema::{Bounds, Shape};
 use super::table::Table;
+use crate::file::way;
 use crate::outside::Access;
 use crate::source::Checked;
 
@@ -97,39 +98,7 @@ pub(super) fn seen_from(model: &Model, path: &Path) -> Meshes {
     let mut meshes = model.meshes.clone();
     let (Some(from), Some(to)) = (model.path.as_deref().and_then(folder), folder(path)) else { return meshes };
     if from != to {
-        meshes.files.values_mut().for_each(|file| *file = relative(&from.join(&file), &to));
+        meshes.files.values_mut().for_each(|file| *file = way(&from.join(&file), &to));
     }
     meshes
-}
-
-/// The way from the folder `to` to `file`, both absolute.
-fn relative(file: &Path, to: &Path) -> PathBuf {
-    let mut plain: Vec<Component> = Vec::new();
-    for part in file.components() {
-        match part {
-            Component::ParentDir => drop(plain.pop()),
-            Component::CurDir => {}
-            other => plain.push(other),
-        }
-    }
-    let common = plain.iter().zip(to.components()).take_while(|(a, b)| **a == *b).count();
-    // Another drive.
-    if common == 0 {
-        return file.to_path_buf();
-    }
-    let up = to.components().skip(common).map(|_| Component::ParentDir);
-    up.chain(plain.iter().copied().skip(common)).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_file_is_found_from_another_folder() {
-        let from = |file: &str, folder: &str| relative(Path::new(file), Path::new(folder)).display().to_string();
-        assert_eq!(from("/a/models/cad/arm.stl", "/a/models"), "cad/arm.stl");
-        assert_eq!(from("/a/models/cad/arm.stl", "/a/out/run1"), "../../models/cad/arm.stl");
-        assert_eq!(from("/a/models/../cad/arm.stl", "/a/out"), "../cad/arm.stl");
-    }
 }

@@ -1,7 +1,7 @@
 //! Designed motions and planned experiments as scenario files.
 
 use std::fmt::Write;
-use std::path::{Component, Path, PathBuf};
+use std::path::Path;
 
 use deltatwin::dynamics::Channel;
 use deltatwin::excitation::experiments::Experiment;
@@ -14,7 +14,7 @@ use deltatwin::text::significant;
 use miette::{IntoDiagnostic, WrapErr, miette};
 
 use super::{motion_text, parse};
-use crate::file::replace_text;
+use crate::file::{replace_text, way};
 use crate::recording::setup::payload_to_toml;
 
 /// Text of a scenario that runs the model file called `model` along the designed motion.
@@ -145,11 +145,6 @@ fn relative(file: &Path, output: &Path) -> String {
     let (Ok(file), Ok(folder)) = (file.canonicalize(), folder.canonicalize()) else {
         return file.display().to_string();
     };
-    let (to, from): (Vec<Component>, Vec<Component>) = (file.components().collect(), folder.components().collect());
-    let shared = to.iter().zip(&from).take_while(|(a, b)| a == b).count();
-    if shared <= 1 {
-        return file.display().to_string();
-    }
-    let up = std::iter::repeat_n(Component::ParentDir, from.len() - shared);
-    up.chain(to[shared..].iter().copied()).collect::<PathBuf>().display().to_string()
+    let has_common = file.components().zip(folder.components()).take_while(|(a, b)| a == b).count() > 1;
+    if has_common { way(&file, &folder).display().to_string() } else { file.display().to_string() }
 }
