@@ -6,15 +6,23 @@ use std::sync::OnceLock;
 use deltatwin_io::outside::Access;
 use deltatwin_io::{model, recording};
 use deltatwin_rerun::replay::Replay;
+use http_body_util::{BodyExt, StreamBody};
+use hyper::StatusCode;
+use hyper::body::Frame;
+use hyper::header::{CACHE_CONTROL, CONTENT_TYPE};
 use miette::miette;
 use re_web_viewer_server::{WebViewerData, WebViewerDataError};
+use tokio_stream::StreamExt;
+use tokio_util::io::ReaderStream;
 
-use crate::http::{refusal, within};
-use crate::server::Answer;
+use crate::http::{BYTES, HTML, JAVASCRIPT, refusal, within};
+use crate::server::{Answer, answer, streamed};
 use crate::studio::{Shown, Task, line};
 
 /// The file that is shown, in the folder of the session.
 const FILE: &str = "stages/view.rrd";
+/// Size of a piece of it that is sent, bytes.
+const PIECE: usize = 256 << 10;
 const PAGE: &str = include_str!("../assets/viewer.html");
 const SCRIPT: &str = include_str!("../assets/viewer.js");
 
@@ -32,33 +40,34 @@ pub(crate) fn is_asset(path: &str) -> bool {
 pub(crate) fn asset(path: &str) -> Answer {
     static DATA: OnceLock<Result<WebViewerData, WebViewerDataError>> = OnceLock::new();
     if path == "/viewer.js" {
-        return within(POLICY, SCRIPT, "text/javascript");
+        return within(POLICY, SCRIPT, JAVASCRIPT);
     }
     let data = match DATA.get_or_init(|| WebViewerData::load(None)) {
         Ok(data) => data,
-        Err(e) => return refusal(404, &e.to_string()),
+        Err(e) => return refusal(StatusCode::NOT_FOUND, &e.to_string()),
     };
     let (content, kind) = match path {
-        "/re_viewer.js" => (data.viewer_js(), "text/javascript"),
+        "/re_viewer.js" => (data.viewer_js(), JAVASCRIPT),
         _ => (data.viewer_wasm(), "application/wasm"),
     };
     // The same for every session: the browser may keep it.
-    Answer::new(200, content.len() as u64, content).with("Content-Type", kind).with("Cache-Control", "max-age=86400")
+    answer(content, &[(CONTENT_TYPE, kind), (CACHE_CONTROL, "max-age=86400")])
 }
 
 /// The page around the viewer.
 pub(crate) fn page() -> Answer {
-    within(POLICY, PAGE, "text/html")
+    within(POLICY, PAGE, HTML)
 }
 
 /// The file that is shown.
 pub(crate) fn file(folder: &Path) -> Answer {
-    let opened = std::fs::File::open(folder.join(FILE)).and_then(|file| Ok((file.metadata()?.len(), file)));
-    match opened {
-        Ok((length, file)) => Answer::new(200, length, file)
-            .with("Content-Type", "application/octet-stream")
-            .with("Cache-Control", "no-store"),
-        Err(_) => refusal(404, "there is nothing to be shown yet"),
+    match std::fs::File::open(folder.join(FILE)) {
+        Ok(file) => {
+            let pieces =
+                ReaderStream::with_capacity(tokio::fs::File::from_std(file), PIECE).map(|p| p.map(Frame::data));
+            streamed(StreamBody::new(pieces).boxed_unsync(), &[(CONTENT_TYPE, BYTES), (CACHE_CONTROL, "no-store")])
+        }
+        Err(_) => refusal(StatusCode::NOT_FOUND, "there is nothing to be shown yet"),
     }
 }
 
