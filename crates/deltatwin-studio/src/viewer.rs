@@ -81,6 +81,7 @@ pub(crate) fn write(task: &Task, index: Option<usize>) -> miette::Result<Shown> 
     let inputs = task.session.inputs(&task.folder)?;
     let reading = inputs.reading(Some(task.model.mechanism));
     let (recording, _) = recording::read_as(&task.folder.join(named), &reading)?;
+    let contacts = recording::contacts(&task.folder.join(named))?;
     let version = &task.session.versions[task.version];
     let parent = version.parent.map(|k| task.session.versions[k].file.as_str());
     let earlier = parent.map(|file| model::read(&task.folder.join(file))).transpose()?;
@@ -92,7 +93,7 @@ pub(crate) fn write(task: &Task, index: Option<usize>) -> miette::Result<Shown> 
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(|e| miette!("{}: {e}", folder.display()))?;
     }
-    Replay { recording: &recording, model, beside, access: Access::PROJECT }.write(&path)?;
+    Replay { recording: &recording, contacts: &contacts, model, beside, access: Access::PROJECT }.write(&path)?;
     let mut words = vec!["deltatwin", "replay", named.as_str(), "--model", parent.unwrap_or(&version.file)];
     if parent.is_some() {
         words.extend(["--beside", version.file.as_str()]);
