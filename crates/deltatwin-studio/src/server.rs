@@ -31,10 +31,12 @@ use tokio_util::sync::CancellationToken;
 const MOST_CONNECTIONS: usize = 128;
 /// Size of the longest head of a request, bytes.
 const LONGEST_HEAD: usize = 64 << 10;
-/// Time in which the other side must say or take something, s.
+/// Time in which the other side must say or take something.
 const PATIENCE: Duration = Duration::from_secs(30);
-/// Time for what an answered request still sends, and for answers that are on their way when the server ends, s.
+/// Time for what an answered request still sends.
 const REST: Duration = Duration::from_secs(2);
+/// Time for answers that are on their way when the server ends: the program gives less than a second to its end.
+const ENDING: Duration = Duration::from_millis(400);
 
 /// A request; its body is read as it comes.
 pub(crate) type Request = hyper::Request<SyncIoBridge<StreamReader<Pieces, Bytes>>>;
@@ -120,7 +122,7 @@ impl Listener {
                 let _ = connection.await;
             });
         }
-        let _ = timeout(REST, open.shutdown()).await;
+        let _ = timeout(ENDING, open.shutdown()).await;
         Ok(())
     }
 }

@@ -9,7 +9,7 @@ use deltatwin_rerun::replay::Replay;
 use http_body_util::{BodyExt, StreamBody};
 use hyper::StatusCode;
 use hyper::body::Frame;
-use hyper::header::{CACHE_CONTROL, CONTENT_TYPE};
+use hyper::header::{CACHE_CONTROL, CONTENT_LENGTH, CONTENT_TYPE};
 use miette::miette;
 use re_web_viewer_server::{WebViewerData, WebViewerDataError};
 use tokio_stream::StreamExt;
@@ -61,14 +61,15 @@ pub(crate) fn page() -> Answer {
 
 /// The file that is shown.
 pub(crate) fn file(folder: &Path) -> Answer {
-    match std::fs::File::open(folder.join(FILE)) {
-        Ok(file) => {
-            let pieces =
-                ReaderStream::with_capacity(tokio::fs::File::from_std(file), PIECE).map(|p| p.map(Frame::data));
-            streamed(StreamBody::new(pieces).boxed_unsync(), &[(CONTENT_TYPE, BYTES), (CACHE_CONTROL, "no-store")])
-        }
-        Err(_) => refusal(StatusCode::NOT_FOUND, "there is nothing to be shown yet"),
-    }
+    let opened = std::fs::File::open(folder.join(FILE)).and_then(|file| Ok((file.metadata()?.len(), file)));
+    let Ok((length, file)) = opened else {
+        return refusal(StatusCode::NOT_FOUND, "there is nothing to be shown yet");
+    };
+    let pieces = ReaderStream::with_capacity(tokio::fs::File::from_std(file), PIECE).map(|p| p.map(Frame::data));
+    let mut answer =
+        streamed(StreamBody::new(pieces).boxed_unsync(), &[(CONTENT_TYPE, BYTES), (CACHE_CONTROL, "no-store")]);
+    answer.headers_mut().insert(CONTENT_LENGTH, length.into());
+    answer
 }
 
 /// Writes the file: recording `index`, or the last one, held out if there is one, with the residual of the model in use;
