@@ -226,13 +226,15 @@ pub(crate) const LEGEND: &str = "\n**Colours.** Arms, telescope and trail: resid
 /// What the arrows are.
 pub(crate) const ARROWS: &str = "\n**Arrows**: contact forces on the robot, 2 mm per N.\n";
 
-/// Contacts up to each of `times` (s) since the one before: of every pair of bodies the one with the largest force.
+/// Contacts up to each of `times` (s) since the one before, or after it if it is the last: of every pair of bodies the one
+/// with the largest force.
 fn strongest(contacts: &[Contacts], times: &[f64]) -> Vec<Vec<scene::Contact>> {
     let mut rest = contacts.iter().peekable();
-    let up_to = |time: &f64| {
-        let mut pairs: Vec<&Contact> = Vec::new();
+    let up_to = |k: usize| {
         // Times of a bag are rounded to nanoseconds.
-        while let Some(Contacts { pairs: now, .. }) = rest.next_if(|c| c.t <= time + 1e-9) {
+        let end = if k + 1 < times.len() { times[k] + 1e-9 } else { f64::INFINITY };
+        let mut pairs: Vec<&Contact> = Vec::new();
+        while let Some(Contacts { pairs: now, .. }) = rest.next_if(|c| c.t <= end) {
             for contact in now {
                 match pairs.iter_mut().find(|known| known.bodies == contact.bodies) {
                     Some(known) if known.force.norm() >= contact.force.norm() => {}
@@ -243,7 +245,7 @@ fn strongest(contacts: &[Contacts], times: &[f64]) -> Vec<Vec<scene::Contact>> {
         }
         pairs.iter().map(|c| scene::Contact { at: c.at, force: c.force }).collect()
     };
-    times.iter().map(up_to).collect()
+    (0..times.len()).map(up_to).collect()
 }
 
 /// Share of its hold that every socket uses at each of `frames`, from the model's forces; `None` without struts.
@@ -286,9 +288,10 @@ mod tests {
             Contacts { t: 0.02, pairs: vec![contact("table", 9.0), contact("block", 1.0)] },
             Contacts { t: 0.03, pairs: vec![contact("table", 7.0)] },
             Contacts { t: 0.05, pairs: Vec::new() },
+            Contacts { t: 0.07, pairs: vec![contact("table", 2.0)] },
         ];
         let forces = |of: &Vec<scene::Contact>| of.iter().map(|c| c.force.z).collect::<Vec<f64>>();
         let shown: Vec<Vec<f64>> = strongest(&contacts, &[0.0, 0.02, 0.04, 0.06]).iter().map(forces).collect();
-        assert_eq!(shown, [vec![], vec![9.0, 1.0], vec![7.0], vec![]]);
+        assert_eq!(shown, [vec![], vec![9.0, 1.0], vec![7.0], vec![2.0]]);
     }
 }
