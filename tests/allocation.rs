@@ -118,7 +118,8 @@ impl Contacts for Bath {
 fn bath(surroundings: &Surroundings<'_>) -> Result<Box<dyn Contacts>, CellError> {
     assert_eq!((surroundings.objects.len(), surroundings.gravity), (1, Vector3::z() * -9.81));
     let (link, other) = (ContactBody::Link(END_EFFECTOR), ContactBody::Object(0));
-    let touch = Touch { link, other, force: 1.0, at: Vector3::zeros(), push: Vector3::zeros() };
+    let none = Vector3::zeros();
+    let touch = Touch { link, other, force: 1.0, at: none, normal: none, push: none };
     Ok(Box::new(Bath { wrenches: [(Vector3::zeros(), Vector3::zeros()); BODIES], touches: [touch] }))
 }
 

@@ -11,7 +11,7 @@ const OUTSIDE: &[&str] = &[
     "clap_mangen",
     "csv",
     "ctrlc",
-    "httparse",
+    "hyper",
     "indicatif",
     "mcap",
     "mesh-loader",
@@ -27,6 +27,7 @@ const OUTSIDE: &[&str] = &[
     "serde_json",
     "tempfile",
     "textwrap",
+    "tokio",
     "toml",
     "toml_edit",
     "yaml-rust2",
@@ -35,7 +36,7 @@ const OUTSIDE: &[&str] = &[
 /// Crates that one of those around the library alone uses, and which one.
 const ALONE: &[(&str, &str)] = &[
     ("csv", "deltatwin-io"),
-    ("httparse", "deltatwin-studio"),
+    ("hyper", "deltatwin-studio"),
     ("mcap", "deltatwin-io"),
     ("mesh-loader", "deltatwin-cell"),
     ("parquet", "deltatwin-study"),

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 
 /// Provenance and display data of a run; empty for a measurement about which nothing else is known.
 #[derive(Clone, Debug, Default)]
@@ -15,6 +15,8 @@ pub struct Context {
     pub description: Option<String>,
     /// Poses of the robot's links and of the objects around it, in order of time.
     pub poses: Vec<Poses>,
+    /// Contacts of the robot, in order of time.
+    pub contacts: Vec<Contacts>,
     /// Events in order of time.
     pub events: Vec<Note>,
 }
@@ -37,6 +39,28 @@ pub struct Poses {
     pub t: f64,
     /// Frame names with their poses in the inertial frame, translation in m.
     pub frames: Vec<(String, Isometry3<f64>)>,
+}
+
+/// Contacts of the robot at one time; none is a statement, too.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Contacts {
+    /// Time, s.
+    pub t: f64,
+    /// The pairs of bodies that touch.
+    pub pairs: Vec<Contact>,
+}
+
+/// Two bodies in contact.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Contact {
+    /// Frame names of the robot's body and of what it touches, as in [`Poses`].
+    pub bodies: [String; 2],
+    /// Place in the inertial frame, m.
+    pub at: Vector3<f64>,
+    /// Unit normal from the surface touched to the robot's body, in the inertial frame.
+    pub normal: Vector3<f64>,
+    /// Force on the robot's body, with friction, in the inertial frame, N.
+    pub force: Vector3<f64>,
 }
 
 /// An event.

@@ -5,7 +5,7 @@ mod context;
 mod difference;
 
 pub use channels::{ROWS, multiplier_names};
-pub use context::{Attachment, Context, Level, Note, Poses};
+pub use context::{Attachment, Contact, Contacts, Context, Level, Note, Poses};
 pub use difference::Difference;
 
 use std::ops::Range;

@@ -129,6 +129,8 @@ pub struct Touch {
     pub force: f64,
     /// Centre of these points, weighted by their forces, in the inertial frame, m.
     pub at: Vector3<f64>,
+    /// Sum of the normal forces on the link as vectors, in the inertial frame, N: its direction is the contact's normal.
+    pub normal: Vector3<f64>,
     /// Force on the link, with friction, in the inertial frame, N.
     pub push: Vector3<f64>,
 }
@@ -141,7 +143,17 @@ impl Touch {
             self.at += (other.at - self.at) * (other.force / force);
         }
         self.force = force;
+        self.normal += other.normal;
         self.push += other.push;
+    }
+
+    /// Enters the contact into `strongest`, which has every pair once, if its pair has no stronger one there.
+    pub(super) fn keep_in(&self, strongest: &mut Vec<Self>) {
+        match strongest.iter_mut().find(|known| (known.link, known.other) == (self.link, self.other)) {
+            Some(known) if known.force >= self.force => {}
+            Some(known) => *known = *self,
+            None => strongest.push(*self),
+        }
     }
 }
 

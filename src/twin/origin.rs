@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::{Event, EventKind, Frame, Options, Report};
+use super::{ContactBody, Event, EventKind, Frame, Options, Report};
 use crate::cell::urdf;
 use crate::machine::Mechanism;
 use crate::machine::bodies::{ROTOR, TELESCOPE_UPPER, body_name};
 use crate::model::Model;
-use crate::recording::{Attachment, Context, Level, Note, Poses};
+use crate::recording::{Attachment, Contact, Contacts, Context, Level, Note, Poses};
 use crate::scenario::Scenario;
 
 /// Provenance known before a run: program, files and seed, with the contents of the files.
@@ -50,9 +50,10 @@ pub fn origin(scenario: &Scenario, (file, text): (&Path, Option<&str>), machine:
     Context { provenance, attachments, description: urdf(machine), ..Context::default() }
 }
 
-/// The provenance with poses and events of the run added.
+/// The provenance with poses, contacts and events of the run added.
 pub fn with_run(mut origin: Context, machine: &Model, options: &Options, report: &Report) -> Context {
     origin.poses = report.frames.iter().filter_map(|f| poses(machine, options, f)).collect();
+    origin.contacts = report.frames.iter().map(|f| contacts(options, f)).collect();
     origin.events = report.events.iter().map(note).collect();
     origin
 }
@@ -67,8 +68,28 @@ pub fn poses(machine: &Model, options: &Options, frame: &Frame) -> Option<Poses>
         _ => ROTOR - 1,
     };
     let bodies = (0..last).filter(|b| *b != ROTOR).map(|b| (body_name(b), frame.bodies[b]));
-    let objects = options.objects.iter().zip(&frame.objects).map(|(o, pose)| (format!("object/{}", o.name), *pose));
+    let objects = (0..options.objects.len()).zip(&frame.objects).map(|(o, pose)| (object_name(options, o), *pose));
     Some(Poses { t: frame.t, frames: bodies.chain(objects).collect() })
+}
+
+/// Frame name of object `object`; those beyond the listed ones are the robot's own frame.
+fn object_name(options: &Options, object: usize) -> String {
+    options.objects.get(object).map_or_else(|| "frame".into(), |o| format!("object/{}", o.name))
+}
+
+/// Contacts of the robot since the previous frame, of every pair the strongest.
+pub fn contacts(options: &Options, frame: &Frame) -> Contacts {
+    let name = |body: ContactBody| match body {
+        ContactBody::Link(link) => body_name(link),
+        ContactBody::Object(object) => object_name(options, object),
+    };
+    let pairs = frame.contacts.iter().map(|touch| Contact {
+        bodies: [name(touch.link), name(touch.other)],
+        at: touch.at,
+        normal: touch.normal.try_normalize(0.0).unwrap_or_default(),
+        force: touch.push,
+    });
+    Contacts { t: frame.t, pairs: pairs.collect() }
 }
 
 /// An event as a log entry.

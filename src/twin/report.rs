@@ -30,7 +30,7 @@ pub struct Frame {
     pub strut_force: [[f64; STRUTS]; 2],
     /// Remaining force margin of each socket, N; zero once open.
     pub socket_margin: [f64; SOCKETS],
-    /// Contacts of the robot.
+    /// Contacts of the robot since the previous frame: of every pair the strongest.
     pub contacts: Vec<Touch>,
 }
 

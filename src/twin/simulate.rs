@@ -7,7 +7,7 @@ mod start;
 use self::advance::Meeting;
 use self::reported::Reported;
 pub use self::reported::{Piece, Receiver};
-use super::contacts::{ContactWork, Contacts, Held};
+use super::contacts::{ContactWork, Contacts, Held, Touch};
 use super::controller::Controller;
 use super::machine::{Checkpoint, Snapshot, Twin};
 use super::sensors::Sensors;
@@ -167,6 +167,8 @@ struct Run<'a> {
     checkpoint: Checkpoint,
     /// Contact wrenches at the present time.
     contact: [Twist; BODIES],
+    /// Contacts since the last frame, of every pair the strongest; without frames none.
+    strongest: Vec<Touch>,
     /// Contacts and stops so far, with the time of the last one, s.
     touching: Vec<(Meeting, f64)>,
     rest_since: Option<f64>,
@@ -388,15 +390,23 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
+    /// Time between frames, s; `None` if nothing asks for any.
+    fn spacing(&self) -> Option<f64> {
+        self.options.frames.or(self.options.watcher.as_ref().map(|watcher| watcher.spacing))
+    }
+
     fn keep_frame(&mut self, t: f64, snapshot: &Snapshot, margins: &[f64; SOCKETS]) {
         let watcher = self.options.watcher.as_ref();
-        let Some(spacing) = self.options.frames.or(watcher.map(|w| w.spacing)) else { return };
+        let Some(spacing) = self.spacing() else { return };
         if t + INSTANT < self.frames as f64 * spacing {
             return;
         }
         self.frames += 1;
         let motion = &snapshot.motion;
         let objects = self.contacts.as_ref().map_or_else(Vec::new, |c| c.poses(motion));
+        // A robot that has come to rest makes no steps.
+        let present = self.contacts.as_ref().map_or(&[][..], |c| c.touches());
+        present.iter().for_each(|touch| touch.keep_in(&mut self.strongest));
         let frame = Frame {
             t,
             q: motion.q,
@@ -406,7 +416,7 @@ impl<'a> Run<'a> {
             closed: self.twin.closed(),
             strut_force: [snapshot.reactions.upper, snapshot.reactions.lower],
             socket_margin: *margins,
-            contacts: self.contacts.as_ref().map_or_else(Vec::new, |c| c.touches().to_vec()),
+            contacts: std::mem::take(&mut self.strongest),
         };
         if let Some(watcher) = watcher {
             watcher.see(Some(&frame), &self.report.events[self.watched..]);

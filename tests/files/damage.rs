@@ -158,7 +158,7 @@ fn record(whole: &Recording, target: &Path, look: &mut dyn FnMut(&Path, usize)) 
     while !rest.is_empty() {
         let piece = rest.split_off_front(500.min(rest.len()));
         samples += piece.len();
-        recorder.append(&piece, &[], &[]).unwrap();
+        recorder.append(&piece, &[], &[], &[]).unwrap();
         recorder.keep().unwrap();
         look(&partial, samples);
     }
@@ -199,7 +199,7 @@ fn pieces_make_the_same_file_as_the_whole() {
             let mut rest = whole.signals.clone();
             while !rest.is_empty() {
                 let piece = rest.split_off_front(whole.signals.len().div_ceil(pieces).min(rest.len()));
-                recorder.append(&piece, &[], &[]).unwrap();
+                recorder.append(&piece, &[], &[], &[]).unwrap();
             }
             recorder.finish().unwrap();
             fs::read(target).unwrap()
@@ -219,7 +219,7 @@ fn two_writers_of_one_recording_do_not_mix() {
     let mut rest = whole.signals.clone();
     while !rest.is_empty() {
         let piece = rest.split_off_front(100);
-        both.iter_mut().for_each(|recorder| recorder.append(&piece, &[], &[]).unwrap());
+        both.iter_mut().for_each(|recorder| recorder.append(&piece, &[], &[], &[]).unwrap());
     }
     for recorder in both {
         recorder.finish().unwrap();

@@ -6,9 +6,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use deltatwin::machine::{Configuration, Joint, Mechanism, Payload, Setup};
-use deltatwin::recording::{Attachment, Context, Level, Note, Poses, Recording, Signals};
+use deltatwin::recording::{Attachment, Contact, Contacts, Context, Level, Note, Poses, Recording, Signals};
 use deltatwin_io::recording;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 use tempfile::TempDir;
 
 const STEP: f64 = 4e-4;
@@ -257,6 +257,15 @@ fn mcap_holds_ros_messages_only() {
     let folder = folder();
     let path = folder.path().join("run.mcap");
     let frames = vec![("platform".to_string(), Isometry3::translation(0.1, 0.2, -0.9))];
+    let contacts = [0.04, 0.05, 0.06, 0.07].map(|t| Contacts { t, pairs: Vec::new() });
+    let [quiet, mut begun, ended, later] = contacts;
+    begun.pairs.push(Contact {
+        bodies: ["platform".into(), "object/table".into()],
+        at: Vector3::new(0.1, 0.2, -1.2),
+        normal: Vector3::z(),
+        force: Vector3::new(-3.0, 0.0, 10.0),
+    });
+    let contacts = [quiet, begun, ended, later];
     let context = Context {
         provenance: [("seed".to_string(), "7".to_string())].into(),
         attachments: vec![Attachment {
@@ -266,6 +275,7 @@ fn mcap_holds_ros_messages_only() {
         }],
         description: Some("<robot name=\"r\"/>".into()),
         poses: vec![Poses { t: 0.05, frames }],
+        contacts: contacts.to_vec(),
         events: vec![Note { t: 0.06, level: Level::Error, text: "dislocation".into() }],
     };
     let written = run(300);
@@ -276,7 +286,8 @@ fn mcap_holds_ros_messages_only() {
     assert!(summary.schemas.values().all(|s| s.encoding == "ros2msg" && s.name.contains("/msg/")));
     let mut topics: Vec<String> = summary.channels.values().map(|c| c.topic.clone()).collect();
     topics.sort();
-    let all = ["/end_effector", "/events", "/joint_acceleration", "/joint_states", "/links", "/multipliers"];
+    let all =
+        ["/contacts", "/end_effector", "/events", "/joint_acceleration", "/joint_states", "/links", "/multipliers"];
     assert_eq!(topics, [&all[..], &["/robot_description", "/socket_margins", "/strut_forces", "/tf"]].concat());
     assert_eq!(summary.attachment_indexes.len(), 1);
     // By hand from the definition of tf2_msgs/TFMessage: header of 4 bytes, one transform, its stamp, "base", "platform".
@@ -289,6 +300,17 @@ fn mcap_holds_ros_messages_only() {
     let values: Vec<f64> = (0..7).map(|k| number(4 + 40 + 8 * k)).collect();
     assert_eq!(values, [0.1, 0.2, -0.9, 0.0, 0.0, 0.0, 1.0]);
     assert_eq!(read(&path).0, written);
+    // While there are contacts, and once that there are none.
+    assert_eq!(recording::contacts(&path).unwrap(), contacts[1..3]);
+    // By hand from gazebo_msgs/ContactsState: the force stands behind header of 4 bytes, stamp, "base", one state, its
+    // three names and the number of wrenches, at a multiple of 8.
+    let mut sent = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap);
+    let touch = sent.find(|m| m.channel.topic == "/contacts").unwrap();
+    let names = 4 + 8 + 12 + 4 + (4 + 1 + 3) + (4 + 9 + 3) + (4 + 13);
+    assert_eq!(&touch.data[names - 13..names], b"object/table\0");
+    let force = 4 + (names - 4 + 3 + 4_usize).next_multiple_of(8);
+    let number = |at: usize| f64::from_le_bytes(touch.data[at..at + 8].try_into().unwrap());
+    assert_eq!([0, 8, 16].map(|k| number(force + k)), [-3.0, 0.0, 10.0]);
 }
 
 /// Optional channels as JSON, as other programs and earlier versions write them.

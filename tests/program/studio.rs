@@ -131,6 +131,78 @@ fn only_who_has_the_token_is_answered() {
     assert_eq!(studio.ask("GET", "/api/stage?name=../session", &[("x-token", &token)], b"").0, 404);
 }
 
+/// What is no request, or one that is too large, is told so; the server goes on.
+#[test]
+fn bad_requests_are_answered() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let studio = Studio::open(&folder.path().join("session"));
+    let send = |text: &[u8]| {
+        let mut stream = TcpStream::connect(&studio.host).unwrap();
+        let _ = stream.write_all(text);
+        let mut answer = Vec::new();
+        let _ = stream.read_to_end(&mut answer);
+        String::from_utf8_lossy(&answer).split(' ').nth(1).map(String::from)
+    };
+    assert_eq!(send(b"\0\xff nonsense\r\n\r\n").as_deref(), Some("400"));
+    assert_eq!(send(b"POST /api/do HTTP/1.1\r\nContent-Length: many\r\n\r\n").as_deref(), Some("400"));
+    assert_eq!(send(b"GET /api/state HTTP/1.1\r\n\r\n").as_deref(), Some("403"), "a request to no host");
+    let long = ["GET /?token=", &"0".repeat(100_000), " HTTP/1.1\r\n\r\n"].concat();
+    assert!(["414", "431"].map(Some).contains(&send(long.as_bytes()).as_deref()));
+    let (status, answer) = studio.own("POST", "/api/do", &vec![b' '; 2 << 20]);
+    assert_eq!((status, answer["error"].as_str()), (400, Some("the request is no text or too long")));
+    // Half a megabyte of a gigabyte: the size that is announced is refused before it has come.
+    let mut stream = TcpStream::connect(&studio.host).unwrap();
+    let head = format!(
+        "POST /api/file?name=run.csv HTTP/1.1\r\nHost: {}\r\nx-token: {}\r\nContent-Length: {}\r\n\r\n",
+        studio.host,
+        studio.token,
+        1 << 30
+    );
+    stream.write_all(head.as_bytes()).unwrap();
+    stream.write_all(&vec![b'1'; 1 << 19]).unwrap();
+    let (mut answer, begun) = (String::new(), Instant::now());
+    stream.read_to_string(&mut answer).unwrap();
+    assert!(answer.starts_with("HTTP/1.1 400") && answer.contains("run.csv: larger than 512 MB"), "{answer}");
+    assert!(begun.elapsed() < Duration::from_secs(10), "{:?}", begun.elapsed());
+    assert_eq!(studio.own("GET", "/api/state", b"").0, 200);
+}
+
+/// A window, an upload that hangs and a connection that says nothing do not keep the server from ending.
+#[test]
+#[cfg(unix)]
+fn it_ends_when_it_is_interrupted() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let mut studio = Studio::open(&folder.path().join("session"));
+    let say = |text: String| {
+        let mut stream = TcpStream::connect(&studio.host).unwrap();
+        stream.write_all(text.as_bytes()).unwrap();
+        BufReader::new(stream)
+    };
+    let mut window = say(format!("GET /api/events?token={} HTTP/1.1\r\nHost: {}\r\n\r\n", studio.token, studio.host));
+    Studio::event(&mut window);
+    let upload = say(format!(
+        "POST /api/file?name=run.csv HTTP/1.1\r\nHost: {}\r\nx-token: {}\r\nContent-Length: 1000\r\n\r\nt,q1",
+        studio.host, studio.token
+    ));
+    let silent = say(String::new());
+    let interrupted = Command::new("kill").args(["-INT", &studio.process.id().to_string()]).status().unwrap();
+    assert!(interrupted.success());
+    let begun = Instant::now();
+    let status = loop {
+        if let Some(status) = studio.process.try_wait().unwrap() {
+            break status;
+        }
+        assert!(begun.elapsed() < Duration::from_secs(10), "it goes on");
+        std::thread::sleep(Duration::from_millis(50));
+    };
+    assert!(status.success(), "{status}");
+    let mut rest = String::new();
+    window.read_to_string(&mut rest).unwrap();
+    drop((upload, silent));
+}
+
 #[test]
 fn bad_files_change_nothing_but_a_message() {
     common::at_root();

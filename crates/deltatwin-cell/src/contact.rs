@@ -25,6 +25,8 @@ pub fn about(wrench: &Wrench, at: &Placement, origin: &Vector3<f64>) -> Wrench {
 pub struct Loads {
     /// Sum of the normal forces, N.
     pub normal: f64,
+    /// Their sum as vectors on the first body, N.
+    pub pressure: Vector3<f64>,
     /// Centre of the contact points, weighted by their normal forces, m.
     pub centre: Vector3<f64>,
     /// Deepest penetration, m.
@@ -39,13 +41,15 @@ pub struct Loads {
 /// (m/s).
 pub fn press(points: &[Point], surface: &Surface, a: &Placement, b: &Placement, belt: &Vector3<f64>) -> Loads {
     let none = (Vector3::zeros(), Vector3::zeros());
-    let mut loads = Loads { normal: 0.0, centre: Vector3::zeros(), depth: 0.0, on_first: none, on_second: none };
+    let (pressure, centre) = (Vector3::zeros(), Vector3::zeros());
+    let mut loads = Loads { normal: 0.0, pressure, centre, depth: 0.0, on_first: none, on_second: none };
     let spin = a.angular_velocity - b.angular_velocity;
     for p in points {
         let surface_velocity = b.velocity_at(&p.position) + belt - p.normal * p.normal.dot(belt);
         let velocity = a.velocity_at(&p.position) - surface_velocity;
         let load = law::load(surface, p.weight, p.depth, &p.normal, &velocity, &spin);
         loads.normal += load.normal;
+        loads.pressure += p.normal * load.normal;
         loads.centre += p.position * load.normal;
         loads.depth = loads.depth.max(p.depth);
         let (on_first, on_second) = (&mut loads.on_first, &mut loads.on_second);

@@ -334,6 +334,7 @@ impl Contacts for Cell {
                 other: robot.named(second),
                 force: loads.normal,
                 at: loads.centre,
+                normal: loads.pressure,
                 push: loads.on_first.0,
             };
             match touches.iter_mut().find(|t| (t.link, t.other) == (touch.link, touch.other)) {

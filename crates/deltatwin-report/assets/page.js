@@ -666,7 +666,10 @@ var deltatwin = (() => {
   addEventListener("resize", () => { clearTimeout(resized); resized = setTimeout(() => living().forEach(s => s.resize()), 80); });
   addEventListener("scroll", () => living().forEach(s => s.seen()), { passive: true });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => living().forEach(s => s.recolor()));
-  addEventListener("beforeprint", () => living().forEach(s => s.recolor()));
+  // Paper is light: the colours of the print's style come after this event.
+  const paper = on => () => { document.documentElement.classList.toggle("paper", on); living().forEach(s => s.recolor()); };
+  addEventListener("beforeprint", paper(true));
+  addEventListener("afterprint", paper(false));
   return { mount, element, digits, living };
 })();
 if (!document.documentElement.dataset.studio) deltatwin.mount(document);

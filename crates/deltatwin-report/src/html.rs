@@ -345,6 +345,7 @@ table.cards td { padding-right: 1.1rem; }
   figure svg [fill='#0072B2'] { fill: #2079c2; }
   figure svg [stroke='#0072B2'] { stroke: #2b86d0; }
 }
+@page { margin: 14mm 12mm; }
 @media print {
   body { font-size: 10.5pt; }
   main { max-width: none; padding: 0; }
@@ -353,7 +354,8 @@ table.cards td { padding-right: 1.1rem; }
   .wide { overflow: visible; }
   table { font-size: .8rem; }
   td, th { overflow-wrap: anywhere; white-space: normal !important; }
-  td.n, th.n { overflow-wrap: normal; }
+  td.n, th.n, td.unit { overflow-wrap: normal; }
+  td.unit { white-space: nowrap !important; }
   pre { white-space: pre-wrap; overflow-wrap: anywhere; }
   .tiles { grid-template-columns: repeat(4, 1fr); }
   .tiles b { font-size: 1.2rem; }

@@ -7,7 +7,7 @@ use miette::{IntoDiagnostic, miette};
 use nalgebra::Isometry3;
 
 use crate::ghost;
-use crate::scene::{After, Assets, Live, Scene, Series, Viewer, measured, write_rrd};
+use crate::scene::{self, After, Assets, Live, Scene, Series, Viewer, measured, write_rrd};
 use deltatwin::constraint_forces::{Detail, constraint_forces};
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::{Dataset, Residuals, predict};
@@ -16,7 +16,7 @@ use deltatwin::kinematics::{JointState, KinematicsError};
 use deltatwin::machine::bodies::BODIES;
 use deltatwin::machine::{AXES, Mechanism, STRUTS, Unit};
 use deltatwin::model::Model;
-use deltatwin::recording::Recording;
+use deltatwin::recording::{Contact, Contacts, Recording};
 use deltatwin_io::outside::Access;
 
 /// Frame rate of the moving robot, Hz.
@@ -37,6 +37,8 @@ const NOISE: [u8; 3] = [130, 135, 140];
 pub struct Replay<'a> {
     /// The recording.
     pub recording: &'a Recording,
+    /// Contacts during the recording, in order of time.
+    pub contacts: &'a [Contacts],
     /// The model.
     pub model: &'a Model,
     /// A later model, whose residual is shown beside.
@@ -150,6 +152,7 @@ impl Replay<'_> {
         scene.series = series;
         scene.text = Some(self.text(&left, later.as_ref(), &noise, unit) + &ghosts.text());
         scene.ghost_name = ghosts.name();
+        scene.contacts = (!self.contacts.is_empty()).then(|| strongest(self.contacts, &scene.times));
         scene.after = after.transpose()?;
         scene.ghost = Some(ghosts.poses);
         scene.assets = Some(assets);
@@ -168,7 +171,7 @@ impl Replay<'_> {
             let after = later.map_or(String::new(), |l| format!(" {:.4} |", l.rms[i]));
             text += &format!("| axis {} | {rms:.4} |{after} {noise:.4} |\n", i + 1);
         }
-        text + LEGEND
+        text + LEGEND + if self.contacts.is_empty() { "" } else { ARROWS }
     }
 }
 
@@ -220,6 +223,31 @@ pub(crate) const LEGEND: &str = "\n**Colours.** Arms, telescope and trail: resid
     yellow at 3.5 σ, red from 6 σ. Struts and cups: load against hold, grey up to a half, yellow at three quarters, red at \
     the limit; a strut that is off is red.\n";
 
+/// What the arrows are.
+pub(crate) const ARROWS: &str = "\n**Arrows**: contact forces on the robot, 2 mm per N.\n";
+
+/// Contacts up to each of `times` (s) since the one before, or after it if it is the last: of every pair of bodies the one
+/// with the largest force.
+fn strongest(contacts: &[Contacts], times: &[f64]) -> Vec<Vec<scene::Contact>> {
+    let mut rest = contacts.iter().peekable();
+    let up_to = |k: usize| {
+        // Times of a bag are rounded to nanoseconds.
+        let end = if k + 1 < times.len() { times[k] + 1e-9 } else { f64::INFINITY };
+        let mut pairs: Vec<&Contact> = Vec::new();
+        while let Some(Contacts { pairs: now, .. }) = rest.next_if(|c| c.t <= end) {
+            for contact in now {
+                match pairs.iter_mut().find(|known| known.bodies == contact.bodies) {
+                    Some(known) if known.force.norm() >= contact.force.norm() => {}
+                    Some(known) => *known = contact,
+                    None => pairs.push(contact),
+                }
+            }
+        }
+        pairs.iter().map(|c| scene::Contact { at: c.at, force: c.force }).collect()
+    };
+    (0..times.len()).map(up_to).collect()
+}
+
 /// Share of its hold that every socket uses at each of `frames`, from the model's forces; `None` without struts.
 fn used(
     model: &Model,
@@ -240,4 +268,30 @@ fn used(
         Ok(std::array::from_fn(|s| force(s).abs() / hold))
     };
     frames.iter().map(of).collect::<Result<Vec<_>, _>>().map(Some)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn the_strongest_contact_of_a_pair_is_shown_in_the_next_frame() {
+        let contact = |what: &str, newton: f64| Contact {
+            bodies: ["platform".into(), what.into()],
+            at: Vector3::zeros(),
+            normal: Vector3::z(),
+            force: Vector3::z() * newton,
+        };
+        let contacts = [
+            Contacts { t: 0.01, pairs: vec![contact("table", 5.0)] },
+            Contacts { t: 0.02, pairs: vec![contact("table", 9.0), contact("block", 1.0)] },
+            Contacts { t: 0.03, pairs: vec![contact("table", 7.0)] },
+            Contacts { t: 0.05, pairs: Vec::new() },
+            Contacts { t: 0.07, pairs: vec![contact("table", 2.0)] },
+        ];
+        let forces = |of: &Vec<scene::Contact>| of.iter().map(|c| c.force.z).collect::<Vec<f64>>();
+        let shown: Vec<Vec<f64>> = strongest(&contacts, &[0.0, 0.02, 0.04, 0.06]).iter().map(forces).collect();
+        assert_eq!(shown, [vec![], vec![9.0, 1.0], vec![7.0], vec![2.0]]);
+    }
 }

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use nalgebra::Isometry3;
 
+use crate::replay::ARROWS;
 use crate::scene::{
     Assets, Contact, Scene, Series, Thing, measured, socket_margins, strut_force, strut_forces, write_rrd,
 };
@@ -60,7 +61,7 @@ impl Stage {
         scene.ghost_name = "desired motion".into();
         scene.contacts = Some(frames.iter().map(touches).collect());
         scene.assets = Some(&self.assets);
-        scene.text = Some(LEGEND.into());
+        scene.text = Some([LEGEND, ARROWS].concat());
         scene
     }
 
@@ -101,10 +102,9 @@ impl Stage {
     }
 }
 
-/// What colours, ghost and arrows mean.
+/// What colours and ghost mean.
 const LEGEND: &str = "**Struts and cups**: load against hold, grey up to a half, yellow at three quarters, red at the \
-    limit; a strut that is off is red. **Ghost** (blue): the desired motion, where the robot is more than 1 mm from it. \
-    **Arrows**: contact forces on the robot, 2 mm per N.\n";
+    limit; a strut that is off is red. **Ghost** (blue): the desired motion, where the robot is more than 1 mm from it.\n";
 
 /// Contacts of a frame.
 fn touches(frame: &Frame) -> Vec<Contact> {

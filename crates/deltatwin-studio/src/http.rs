@@ -1,17 +1,24 @@
 //! The server: who may ask, what is answered.
 
-use std::io::{Read, Write};
-use std::net::TcpStream;
+use std::io::Read;
 use std::path::{Component, Path};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use deltatwin_report::html;
-use miette::miette;
+use http_body_util::{BodyExt, StreamBody};
+use hyper::StatusCode;
+use hyper::body::{Bytes, Frame};
+use hyper::header::{
+    CACHE_CONTROL, CONTENT_LENGTH, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HOST, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS,
+};
+use miette::{IntoDiagnostic, miette};
 use serde_json::{Value, json};
+use tokio::sync::watch;
+use tokio_stream::StreamExt;
+use tokio_stream::wrappers::WatchStream;
 
-use crate::server::{Answer, Listener, Reply, Request};
+use crate::server::{Answer, Listener, Request, answer, streamed};
 use crate::studio::Studio;
 use crate::view;
 #[cfg(feature = "viewer")]
@@ -20,7 +27,7 @@ use crate::viewer;
 /// Largest size of a request that is no file, bytes.
 const LARGEST: u64 = 1 << 20;
 
-/// Number of windows, and of work in the background, that are served at the same time.
+/// Number of windows that are told at the same time what changes.
 const MOST_WINDOWS: usize = 32;
 /// Time between looks at the state, and after which a window is told that the server lives.
 const LOOK: Duration = Duration::from_millis(60);
@@ -29,6 +36,13 @@ const ALIVE: Duration = Duration::from_secs(5);
 const PAGE: &str = include_str!("../assets/studio.html");
 const SCRIPT: &str = include_str!("../assets/studio.js");
 const STYLE: &str = include_str!("../assets/studio.css");
+
+pub(crate) const HTML: &str = "text/html; charset=utf-8";
+pub(crate) const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
+const CSS: &str = "text/css; charset=utf-8";
+const JSON: &str = "application/json; charset=utf-8";
+const PLAIN: &str = "text/plain; charset=utf-8";
+pub(crate) const BYTES: &str = "application/octet-stream";
 
 /// What may be loaded and run by the studio's page: its own scripts from this server, and nothing else.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; connect-src 'self'; \
@@ -46,7 +60,8 @@ struct Desk {
     token: String,
     /// The names of this machine with the port.
     hosts: [String; 2],
-    stopped: Arc<AtomicBool>,
+    /// The state as the windows know it; `None` when the server ends.
+    state: watch::Sender<Option<String>>,
 }
 
 /// Server of `studio` on 127.0.0.1 and `port`, or a free port for 0.
@@ -59,7 +74,8 @@ pub fn serve(studio: Studio, port: u16) -> miette::Result<Server> {
     getrandom::fill(&mut bytes).map_err(|e| miette!("no random number: {e}"))?;
     let token = bytes.iter().map(|b| format!("{b:02x}")).collect();
     let hosts = ["127.0.0.1", "localhost"].map(|name| format!("{name}:{}", listener.address.port()));
-    Ok(Server { listener, desk: Arc::new(Desk { studio: Arc::new(studio), token, hosts, stopped: Arc::default() }) })
+    let state = watch::Sender::new(Some(String::new()));
+    Ok(Server { listener, desk: Arc::new(Desk { studio: Arc::new(studio), token, hosts, state }) })
 }
 
 impl Server {
@@ -69,83 +85,119 @@ impl Server {
     }
 
     /// Answers requests until [`Self::stop`].
-    pub fn run(&self) {
-        let desk = self.desk.clone();
-        self.listener.run(move |request| desk.reply(request));
+    ///
+    /// # Errors
+    /// If the system does not let the server wait for requests.
+    pub fn run(&self) -> miette::Result<()> {
+        let (desk, watched) = (self.desk.clone(), self.desk.clone());
+        std::thread::spawn(move || {
+            while watched.state.borrow().is_some() {
+                std::thread::sleep(LOOK);
+                if watched.state.receiver_count() > 0 {
+                    watched.look();
+                }
+            }
+        });
+        let served = self.listener.run(move |request| desk.reply(request)).into_diagnostic();
+        self.stop();
+        served
     }
 
     /// Ends [`Self::run`].
     pub fn stop(&self) {
-        self.desk.stopped.store(true, Ordering::Relaxed);
-        self.listener.stop();
+        self.desk.state.send_replace(None);
+        self.listener.stopped.cancel();
     }
 }
 
 impl Desk {
-    fn reply(&self, request: &mut Request) -> Reply {
-        if request.url.starts_with("/api/events?") && self.may_listen(request) {
-            let (studio, stopped) = (self.studio.clone(), self.stopped.clone());
-            // The window's going ends it.
-            return Reply::Stream(Box::new(move |out| drop(events(out, &studio, &stopped))));
-        }
-        Reply::Answer(self.route(request))
-    }
-
-    fn route(&self, request: &mut Request) -> Answer {
-        let url = request.url.clone();
-        let (path, query) = url.split_once('?').unwrap_or((&url, ""));
+    fn reply(&self, request: &mut Request) -> Answer {
+        let (path, query) = (request.uri().path().to_string(), request.uri().query().unwrap_or_default().to_string());
+        let query = query.as_str();
         if !self.is_local(request) {
-            return refusal(403, "expected the address 127.0.0.1");
+            return refusal(StatusCode::FORBIDDEN, "expected the address 127.0.0.1");
         }
-        match (request.method.as_str(), path) {
-            ("GET", "/studio.js") => text(SCRIPT, "text/javascript"),
-            ("GET", "/uplot.js") => text(html::UPLOT, "text/javascript"),
-            ("GET", "/page.js") => text(html::PAGE, "text/javascript"),
-            ("GET", "/studio.css") => text(&[html::CSS, html::CURVES_CSS, STYLE].concat(), "text/css"),
-            ("GET", "/favicon.ico") => refusal(404, "there is none"),
+        match (request.method().as_str(), path.as_str()) {
+            ("GET", "/studio.js") => text(SCRIPT, JAVASCRIPT),
+            ("GET", "/uplot.js") => text(html::UPLOT, JAVASCRIPT),
+            ("GET", "/page.js") => text(html::PAGE, JAVASCRIPT),
+            ("GET", "/studio.css") => text([html::CSS, html::CURVES_CSS, STYLE].concat(), CSS),
+            ("GET", "/favicon.ico") => refusal(StatusCode::NOT_FOUND, "there is none"),
             #[cfg(feature = "viewer")]
             ("GET", asset) if viewer::is_asset(asset) => viewer::asset(asset),
-            _ if !self.knows_token(request, query) => {
-                refusal(403, "expected the token; open the address that `deltatwin studio` has printed")
-            }
-            ("GET", "/") => text(PAGE, "text/html"),
+            _ if !self.knows_token(request, query) => refusal(
+                StatusCode::FORBIDDEN,
+                "expected the token; open the address that `deltatwin studio` has printed",
+            ),
+            ("GET", "/") => text(PAGE, HTML),
             #[cfg(feature = "viewer")]
             ("GET", "/viewer") => viewer::page(),
             #[cfg(feature = "viewer")]
             ("GET", "/api/rrd") => viewer::file(self.studio.folder()),
-            ("GET", "/api/state") => answer(Ok(view::state(&self.studio))),
+            ("GET", "/api/events") => self.events(),
+            ("GET", "/api/state") => result(Ok(view::state(&self.studio))),
             ("GET", "/api/formula") => {
-                answer(Ok(view::formula(&self.studio, &parameter(query, "at"), &parameter(query, "law"))))
+                result(Ok(view::formula(&self.studio, &parameter(query, "at"), &parameter(query, "law"))))
             }
-            ("GET", "/api/columns") => answer(view::columns(&self.studio, number(query, "recording"))),
-            ("GET", "/api/difference") => answer(view::difference(&self.studio, number(query, "version"))),
+            ("GET", "/api/columns") => result(view::columns(&self.studio, number(query, "recording"))),
+            ("GET", "/api/difference") => result(view::difference(&self.studio, number(query, "version"))),
             ("GET", "/api/stage") => self.stage(&parameter(query, "name")),
             ("GET", "/api/file") => self.file(&parameter(query, "name")),
-            ("POST", "/api/do") => answer(self.act(request)),
-            ("POST", "/api/file") => answer(self.upload(request, &parameter(query, "name"))),
-            ("POST", "/api/bag") => answer(self.upload_bag(request, query)),
-            _ => refusal(404, "there is nothing here"),
+            ("POST", "/api/do") => result(self.act(request)),
+            ("POST", "/api/file") => result(self.upload(request, &parameter(query, "name"))),
+            ("POST", "/api/bag") => result(self.upload_bag(request, query)),
+            _ => refusal(StatusCode::NOT_FOUND, "there is nothing here"),
         }
     }
 
-    /// Whether a request for events comes from this machine with the token, and there is room for one more.
-    fn may_listen(&self, request: &Request) -> bool {
-        let query = request.url.split_once('?').map_or("", |(_, query)| query);
-        self.is_local(request) && self.knows_token(request, query) && Arc::strong_count(&self.studio) < MOST_WINDOWS
+    /// Tells the windows the state if it has changed.
+    fn look(&self) {
+        // JSON has no line breaks, which would end the event.
+        let state = view::state(&self.studio).to_string();
+        self.state.send_if_modified(|known| match known {
+            Some(known) if *known != state => {
+                *known = state;
+                true
+            }
+            _ => false,
+        });
+    }
+
+    /// The state now and whenever it has changed, as events.
+    fn events(&self) -> Answer {
+        if self.state.receiver_count() >= MOST_WINDOWS {
+            return refusal(StatusCode::SERVICE_UNAVAILABLE, "there are too many windows");
+        }
+        self.look();
+        let states = WatchStream::new(self.state.subscribe()).map_while(|state| state);
+        let events = states.timeout_repeating(tokio::time::interval(ALIVE)).map(|state| {
+            let event = state.map_or(": alive\n\n".into(), |state| format!("data: {state}\n\n"));
+            Ok(Frame::data(Bytes::from(event)))
+        });
+        streamed(
+            StreamBody::new(events).boxed_unsync(),
+            &[
+                (CONTENT_TYPE, "text/event-stream; charset=utf-8"),
+                (CACHE_CONTROL, "no-store"),
+                (X_CONTENT_TYPE_OPTIONS, "nosniff"),
+            ],
+        )
     }
 
     /// Whether the request names this machine: a name that another page has made to point here is not answered.
     fn is_local(&self, request: &Request) -> bool {
-        request.field("host").is_some_and(|host| self.hosts.iter().any(|own| own == host))
+        request.headers().get(HOST).is_some_and(|host| self.hosts.iter().any(|own| own == host))
     }
 
     fn knows_token(&self, request: &Request, query: &str) -> bool {
-        request.field("x-token").is_some_and(|t| t == self.token) || parameter(query, "token") == self.token
+        let known = |token: &[u8]| token == self.token.as_bytes();
+        request.headers().get("x-token").is_some_and(|token| known(token.as_bytes()))
+            || known(parameter(query, "token").as_bytes())
     }
 
     fn act(&self, request: &mut Request) -> miette::Result<Value> {
         let mut body = String::new();
-        let read = request.body().take(LARGEST + 1).read_to_string(&mut body);
+        let read = request.body_mut().take(LARGEST + 1).read_to_string(&mut body);
         if read.is_err() || body.len() as u64 > LARGEST {
             return Err(miette!("the request is no text or too long"));
         }
@@ -155,10 +207,11 @@ impl Desk {
     }
 
     fn upload(&self, request: &mut Request, name: &str) -> miette::Result<Value> {
-        if request.length > crate::MOST_BYTES {
+        let length = request.headers().get(CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse::<u64>().ok());
+        if length.is_some_and(|length| length > crate::MOST_BYTES) {
             return Err(miette!("{}: larger than {} MB", crate::safe_name(name), crate::MOST_BYTES >> 20));
         }
-        self.studio.take(name, request.body())?;
+        self.studio.take(name, request.body_mut())?;
         Ok(view::state(&self.studio))
     }
 
@@ -166,19 +219,19 @@ impl Desk {
     fn upload_bag(&self, request: &mut Request, query: &str) -> miette::Result<Value> {
         let parts: Vec<(String, u64)> =
             serde_json::from_str(&parameter(query, "parts")).map_err(|e| miette!("the parts of the bag: {e}"))?;
-        self.studio.take_bag(&parameter(query, "name"), &parts, request.body())?;
+        self.studio.take_bag(&parameter(query, "name"), &parts, request.body_mut())?;
         Ok(view::state(&self.studio))
     }
 
     /// The result of a stage as a part of a page.
     fn stage(&self, name: &str) -> Answer {
         if !view::STAGES.contains(&name) {
-            return refusal(404, "there is no such stage");
+            return refusal(StatusCode::NOT_FOUND, "there is no such stage");
         }
         let file = self.studio.folder().join("stages").join(format!("{name}.html"));
         match std::fs::read_to_string(file) {
-            Ok(part) => text(&part, "text/html"),
-            Err(_) => text("", "text/html"),
+            Ok(part) => text(part, HTML),
+            Err(_) => text("", HTML),
         }
     }
 
@@ -191,46 +244,18 @@ impl Desk {
         let real = file.canonicalize().ok().filter(|real| real.starts_with(self.studio.folder()));
         match (inside && wanted, real.and_then(|real| std::fs::read(real).ok())) {
             (true, Some(content)) => {
-                let page = name.ends_with(".html");
-                let kind = if page { "text/html" } else { "application/octet-stream" };
-                Answer::of(200, content)
-                    .with("Content-Type", &format!("{kind}; charset=utf-8"))
-                    .with("X-Content-Type-Options", "nosniff")
+                let kind = if name.ends_with(".html") { HTML } else { BYTES };
+                answer(content, &[(CONTENT_TYPE, kind), (X_CONTENT_TYPE_OPTIONS, "nosniff")])
             }
-            _ => refusal(404, "there is no such file"),
+            _ => refusal(StatusCode::NOT_FOUND, "there is no such file"),
         }
     }
-}
-
-/// Writes the state as an event whenever it has changed.
-fn events(mut out: TcpStream, studio: &Studio, stopped: &AtomicBool) -> std::io::Result<()> {
-    write!(
-        out,
-        "HTTP/1.1 200 OK\r\nContent-Type: text/event-stream; charset=utf-8\r\nCache-Control: no-store\r\n\
-         X-Content-Type-Options: nosniff\r\nConnection: close\r\n\r\n"
-    )?;
-    let (mut sent, mut at) = (String::new(), Instant::now());
-    while !stopped.load(Ordering::Relaxed) {
-        // JSON has no line breaks, which would end the event.
-        let state = view::state(studio).to_string();
-        if state != sent {
-            write!(out, "data: {state}\n\n")?;
-            out.flush()?;
-            (sent, at) = (state, Instant::now());
-        } else if at.elapsed() > ALIVE {
-            write!(out, ": alive\n\n")?;
-            out.flush()?;
-            at = Instant::now();
-        }
-        std::thread::sleep(LOOK);
-    }
-    Ok(())
 }
 
 /// Value of a query's parameter, decoded; empty if it has none.
 fn parameter(query: &str, name: &str) -> String {
-    let value = query.split('&').filter_map(|p| p.split_once('=')).find(|(key, _)| *key == name).map(|(_, v)| v);
-    decoded(value.unwrap_or_default())
+    let found = form_urlencoded::parse(query.as_bytes()).find(|(key, _)| key == name);
+    found.map_or_else(String::new, |(_, value)| value.into_owned())
 }
 
 /// A number of a query; one that no list has if it is none.
@@ -238,54 +263,42 @@ fn number(query: &str, name: &str) -> usize {
     parameter(query, name).parse().unwrap_or(usize::MAX)
 }
 
-/// A text in which bytes may be written as `%41`.
-fn decoded(text: &str) -> String {
-    let mut bytes = Vec::with_capacity(text.len());
-    let raw = text.as_bytes();
-    let mut k = 0;
-    while k < raw.len() {
-        let hex = (raw[k] == b'%').then(|| text.get(k + 1..k + 3)).flatten();
-        match hex.and_then(|h| u8::from_str_radix(h, 16).ok()) {
-            Some(byte) => {
-                bytes.push(byte);
-                k += 3;
-            }
-            None => {
-                bytes.push(if raw[k] == b'+' { b' ' } else { raw[k] });
-                k += 1;
-            }
-        }
-    }
-    String::from_utf8_lossy(&bytes).into_owned()
-}
-
-fn text(content: &str, kind: &str) -> Answer {
+fn text(content: impl Into<Bytes>, kind: &'static str) -> Answer {
     within(POLICY, content, kind)
 }
 
 /// A text with the policy `policy`.
-pub(crate) fn within(policy: &str, content: &str, kind: &str) -> Answer {
-    Answer::of(200, content.as_bytes().to_vec())
-        .with("Content-Type", &format!("{kind}; charset=utf-8"))
-        .with("Content-Security-Policy", policy)
-        .with("X-Content-Type-Options", "nosniff")
-        .with("Referrer-Policy", "no-referrer")
-        .with("Cache-Control", "no-store")
+pub(crate) fn within(policy: &'static str, content: impl Into<Bytes>, kind: &'static str) -> Answer {
+    answer(
+        content,
+        &[
+            (CONTENT_TYPE, kind),
+            (CONTENT_SECURITY_POLICY, policy),
+            (X_CONTENT_TYPE_OPTIONS, "nosniff"),
+            (REFERRER_POLICY, "no-referrer"),
+            (CACHE_CONTROL, "no-store"),
+        ],
+    )
 }
 
 /// The value, or `{"error": …}` with the causes.
-fn answer(value: miette::Result<Value>) -> Answer {
+fn result(value: miette::Result<Value>) -> Answer {
     match value {
-        Ok(value) => text(&value.to_string(), "application/json"),
+        Ok(value) => text(value.to_string(), JSON),
         Err(error) => {
             let causes: Vec<String> = error.chain().map(ToString::to_string).collect();
-            text(&json!({"error": causes.join(": ")}).to_string(), "application/json").with_status(400)
+            let mut answer = text(json!({"error": causes.join(": ")}).to_string(), JSON);
+            *answer.status_mut() = StatusCode::BAD_REQUEST;
+            answer
         }
     }
 }
 
-pub(crate) fn refusal(code: u16, why: &str) -> Answer {
-    text(why, "text/plain").with_status(code)
+/// An answer that says what was expected.
+pub(crate) fn refusal(status: StatusCode, why: &str) -> Answer {
+    let mut answer = text(why.to_string(), PLAIN);
+    *answer.status_mut() = status;
+    answer
 }
 
 #[cfg(test)]

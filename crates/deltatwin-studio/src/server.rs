@@ -1,151 +1,68 @@
-//! HTTP/1.1 for this machine: a thread per connection, one request per connection.
+//! HTTP/1.1 for this machine: one request per connection, each answered on a thread of its own.
 //!
-//! Windows hold streams of events open for hours, beside uploads that take minutes: with a thread for each none of them
-//! waits for another, and a connection that ends after its answer occupies nothing in between.
+//! Windows hold streams of events open for hours, beside uploads that take minutes: none of them waits for another, and a
+//! connection that ends after its answer occupies nothing in between.
 
-use std::io::{self, Cursor, Read, Write};
-use std::net::{Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::convert::Infallible;
+use std::io;
+use std::net::{Ipv4Addr, SocketAddr, TcpListener};
+use std::pin::Pin;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
-/// Number of connections that are served at the same time; more are turned away.
+use http_body_util::combinators::UnsyncBoxBody;
+use http_body_util::{BodyExt, Full};
+use hyper::StatusCode;
+use hyper::body::{Bytes, Incoming};
+use hyper::header::HeaderName;
+use hyper::http::HeaderValue;
+use hyper::server::conn::http1;
+use hyper::service::service_fn;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::server::graceful::GracefulShutdown;
+use tokio::sync::Semaphore;
+use tokio::time::timeout;
+use tokio_io_timeout::TimeoutWriter;
+use tokio_stream::{Stream, StreamExt};
+use tokio_util::io::{StreamReader, SyncIoBridge};
+use tokio_util::sync::CancellationToken;
+
+/// Number of connections that are served at the same time; more wait.
 const MOST_CONNECTIONS: usize = 128;
-/// Size of the longest head of a request, bytes, and number of its fields.
-const LONGEST_HEAD: usize = 32 << 10;
-const MOST_FIELDS: usize = 64;
-/// Time in which the other side must say or take something, s.
+/// Size of the longest head of a request, bytes.
+const LONGEST_HEAD: usize = 64 << 10;
+/// Time in which the other side must say or take something.
 const PATIENCE: Duration = Duration::from_secs(30);
 /// Time for what an answered request still sends.
 const REST: Duration = Duration::from_secs(2);
+/// Time for answers that are on their way when the server ends: the program gives less than a second to its end.
+const ENDING: Duration = Duration::from_millis(400);
 
-/// A request.
-pub(crate) struct Request {
-    pub method: String,
-    /// Path with query.
-    pub url: String,
-    fields: Vec<(String, String)>,
-    /// Size of the body, bytes.
-    pub length: u64,
-    body: io::Take<io::Chain<Cursor<Vec<u8>>, TcpStream>>,
-}
-
-impl Request {
-    /// Value of a field of the head, whose name has small letters.
-    pub fn field(&self, name: &str) -> Option<&str> {
-        self.fields.iter().find(|(known, _)| known == name).map(|(_, value)| value.as_str())
-    }
-
-    /// The body.
-    pub fn body(&mut self) -> &mut dyn Read {
-        &mut self.body
-    }
-
-    /// Reads the head of a request; `None` if the other side says nothing.
-    ///
-    /// # Errors
-    /// The status of the answer to what is no request.
-    fn read(stream: &TcpStream) -> Result<Option<Self>, u16> {
-        let mut reader = stream.try_clone().map_err(|_| 500u16)?;
-        let (mut head, mut piece) = (Vec::new(), [0; 4096]);
-        loop {
-            let mut fields = [httparse::EMPTY_HEADER; MOST_FIELDS];
-            let mut parsed = httparse::Request::new(&mut fields);
-            if let httparse::Status::Complete(end) = parsed.parse(&head).map_err(|_| 400u16)? {
-                let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).trim().to_string();
-                let fields: Vec<(String, String)> =
-                    parsed.headers.iter().map(|f| (f.name.to_ascii_lowercase(), text(f.value))).collect();
-                let (method, url) = (parsed.method.unwrap_or_default().into(), parsed.path.unwrap_or_default().into());
-                let of = |name: &str| fields.iter().find(|(known, _)| known == name).map(|(_, value)| value.as_str());
-                let length = of("content-length").map_or(Ok(0), |n| n.parse::<u64>().map_err(|_| 400u16))?;
-                if of("transfer-encoding").is_some() {
-                    return Err(411);
-                }
-                if of("expect").is_some_and(|e| e.eq_ignore_ascii_case("100-continue")) {
-                    (&*stream).write_all(b"HTTP/1.1 100 Continue\r\n\r\n").map_err(|_| 400u16)?;
-                }
-                let body = Cursor::new(head.split_off(end)).chain(reader).take(length);
-                return Ok(Some(Self { method, url, fields, length, body }));
-            }
-            if head.len() > LONGEST_HEAD {
-                return Err(431);
-            }
-            match reader.read(&mut piece) {
-                Ok(0) | Err(_) => return Ok(None),
-                Ok(n) => head.extend_from_slice(&piece[..n]),
-            }
-        }
-    }
-}
-
+/// A request; its body is read as it comes.
+pub(crate) type Request = hyper::Request<SyncIoBridge<StreamReader<Pieces, Bytes>>>;
+/// The pieces of a body.
+type Pieces = Pin<Box<dyn Stream<Item = io::Result<Bytes>> + Send>>;
 /// An answer.
-pub(crate) struct Answer {
-    status: u16,
-    fields: Vec<(String, String)>,
-    length: u64,
-    body: Box<dyn Read + Send>,
+pub(crate) type Answer = hyper::Response<UnsyncBoxBody<Bytes, io::Error>>;
+
+/// An answer with `content` and the fields `fields` in its head.
+pub(crate) fn answer(content: impl Into<Bytes>, fields: &[(HeaderName, &'static str)]) -> Answer {
+    streamed(Full::new(content.into()).map_err(|never: Infallible| match never {}).boxed_unsync(), fields)
 }
 
-impl Answer {
-    /// An answer with `length` bytes of `body`.
-    pub fn new(status: u16, length: u64, body: impl Read + Send + 'static) -> Self {
-        Self { status, fields: Vec::new(), length, body: Box::new(body) }
-    }
-
-    /// An answer with `content`.
-    pub fn of(status: u16, content: Vec<u8>) -> Self {
-        Self::new(status, content.len() as u64, Cursor::new(content))
-    }
-
-    /// The answer with a field, which has no line breaks.
-    pub fn with(mut self, name: &str, value: &str) -> Self {
-        self.fields.push((name.into(), value.into()));
-        self
-    }
-
-    /// The answer with another status.
-    pub fn with_status(mut self, status: u16) -> Self {
-        self.status = status;
-        self
-    }
-
-    fn write(mut self, mut out: &TcpStream) -> io::Result<()> {
-        let mut head = format!("HTTP/1.1 {} {}\r\n", self.status, reason(self.status));
-        self.fields.iter().for_each(|(name, value)| head += &format!("{name}: {value}\r\n"));
-        head += &format!("Content-Length: {}\r\nConnection: close\r\n\r\n", self.length);
-        out.write_all(head.as_bytes())?;
-        io::copy(&mut self.body.by_ref().take(self.length), &mut out)?;
-        out.flush()
-    }
-}
-
-fn reason(status: u16) -> &'static str {
-    match status {
-        200 => "OK",
-        400 => "Bad Request",
-        403 => "Forbidden",
-        404 => "Not Found",
-        411 => "Length Required",
-        431 => "Request Header Fields Too Large",
-        503 => "Service Unavailable",
-        _ => "Error",
-    }
-}
-
-/// What is done with a request.
-pub(crate) enum Reply {
-    /// It is answered.
-    Answer(Answer),
-    /// The connection is written to for as long as both sides wish.
-    Stream(Box<dyn FnOnce(TcpStream) + Send>),
+/// An answer that is sent as it comes.
+pub(crate) fn streamed(body: UnsyncBoxBody<Bytes, io::Error>, fields: &[(HeaderName, &'static str)]) -> Answer {
+    let mut answer = Answer::new(body);
+    let fields = fields.iter().map(|(name, value)| (name.clone(), HeaderValue::from_static(value)));
+    answer.headers_mut().extend(fields);
+    answer
 }
 
 /// A listener on this machine.
 pub(crate) struct Listener {
     listener: TcpListener,
     pub address: SocketAddr,
-    connections: Arc<AtomicUsize>,
-    stopped: AtomicBool,
+    pub stopped: CancellationToken,
 }
 
 impl Listener {
@@ -155,79 +72,80 @@ impl Listener {
     /// If the port is in use.
     pub fn open(port: u16) -> io::Result<Self> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port))?;
+        listener.set_nonblocking(true)?;
         let address = listener.local_addr()?;
-        Ok(Self { listener, address, connections: Arc::default(), stopped: AtomicBool::new(false) })
+        Ok(Self { listener, address, stopped: CancellationToken::new() })
     }
 
-    /// Serves connections with `reply`, each on a thread of its own, until [`Self::stop`].
-    pub fn run(&self, reply: impl Fn(&mut Request) -> Reply + Send + Sync + 'static) {
-        let reply = Arc::new(reply);
-        for stream in self.listener.incoming() {
-            if self.stopped.load(Ordering::Relaxed) {
-                return;
-            }
-            // A connection that has ended before it was accepted.
-            let Ok(stream) = stream else { continue };
-            let (reply, place) = (reply.clone(), Place::new(&self.connections));
-            if place.number > MOST_CONNECTIONS {
-                let _ = Answer::of(503, b"there are too many windows".to_vec()).write(&stream);
+    /// Serves connections with `reply`, which may wait for files, until `stopped` is cancelled.
+    ///
+    /// # Errors
+    /// If the system lets nothing be waited for.
+    pub fn run(&self, reply: impl Fn(&mut Request) -> Answer + Send + Sync + 'static) -> io::Result<()> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let result = runtime.block_on(self.serve(Arc::new(reply)));
+        // A thread that reads a large file does not hold the end up.
+        runtime.shutdown_background();
+        result
+    }
+
+    async fn serve(&self, reply: Arc<impl Fn(&mut Request) -> Answer + Send + Sync + 'static>) -> io::Result<()> {
+        let listener = tokio::net::TcpListener::from_std(self.listener.try_clone()?)?;
+        let (places, open) = (Arc::new(Semaphore::new(MOST_CONNECTIONS)), GracefulShutdown::new());
+        let mut http = http1::Builder::new();
+        http.keep_alive(false).timer(TokioTimer::new()).header_read_timeout(PATIENCE).max_buf_size(LONGEST_HEAD);
+        loop {
+            let next = async {
+                let place = places.clone().acquire_owned().await.map_err(io::Error::other)?;
+                listener.accept().await.map(|(stream, _)| (place, stream))
+            };
+            let accepted = tokio::select! {
+                accepted = next => accepted,
+                () = self.stopped.cancelled() => break,
+            };
+            let Ok((place, stream)) = accepted else {
+                // A connection that has ended before it was accepted, or the system has no room for more.
+                tokio::time::sleep(Duration::from_millis(20)).await;
                 continue;
-            }
-            std::thread::spawn(move || {
+            };
+            let mut stream = Box::pin(TimeoutWriter::new(stream));
+            stream.as_mut().set_timeout_pinned(Some(PATIENCE));
+            let reply = reply.clone();
+            let service = service_fn(move |request| {
+                let reply = reply.clone();
+                async move { Ok::<_, Infallible>(respond(request, reply).await) }
+            });
+            let connection = open.watch(http.serve_connection(TokioIo::new(stream), service));
+            tokio::spawn(async move {
                 let _place = place;
                 // The other side's going ends it.
-                let _ = serve(stream, &*reply);
+                let _ = connection.await;
             });
         }
-    }
-
-    /// Ends [`Self::run`].
-    pub fn stop(&self) {
-        self.stopped.store(true, Ordering::Relaxed);
-        // It waits for a connection.
-        let _ = TcpStream::connect(self.address);
+        let _ = timeout(ENDING, open.shutdown()).await;
+        Ok(())
     }
 }
 
-/// A connection that is counted.
-struct Place {
-    connections: Arc<AtomicUsize>,
-    number: usize,
-}
-
-impl Place {
-    fn new(connections: &Arc<AtomicUsize>) -> Self {
-        Self { number: connections.fetch_add(1, Ordering::Relaxed) + 1, connections: connections.clone() }
-    }
-}
-
-impl Drop for Place {
-    fn drop(&mut self) {
-        self.connections.fetch_sub(1, Ordering::Relaxed);
-    }
-}
-
-fn serve(stream: TcpStream, reply: &dyn Fn(&mut Request) -> Reply) -> io::Result<()> {
-    stream.set_nodelay(true)?;
-    stream.set_read_timeout(Some(PATIENCE))?;
-    stream.set_write_timeout(Some(PATIENCE))?;
-    let answer = match Request::read(&stream) {
-        Ok(None) => return Ok(()),
-        Err(status) => Answer::of(status, b"this is no request".to_vec()),
-        Ok(Some(mut request)) => match reply(&mut request) {
-            Reply::Answer(answer) => answer,
-            Reply::Stream(write) => {
-                write(stream);
-                return Ok(());
-            }
-        },
+/// The answer of `reply` to a request, made on another thread.
+async fn respond(
+    request: hyper::Request<Incoming>,
+    reply: Arc<impl Fn(&mut Request) -> Answer + Send + Sync + 'static>,
+) -> Answer {
+    let mut request = request.map(|body| {
+        let pieces = body.into_data_stream().timeout(PATIENCE).map(|piece| match piece {
+            Ok(piece) => piece.map_err(io::Error::other),
+            Err(_) => Err(io::ErrorKind::TimedOut.into()),
+        });
+        SyncIoBridge::new(StreamReader::new(Box::pin(pieces) as Pieces))
+    });
+    let answered = tokio::task::spawn_blocking(move || (reply(&mut request), request.into_body().into_inner())).await;
+    let Ok((answer, mut rest)) = answered else {
+        let mut failed = self::answer("the answer failed unexpectedly", &[]);
+        *failed.status_mut() = StatusCode::INTERNAL_SERVER_ERROR;
+        return failed;
     };
-    answer.write(&stream)?;
     // A socket that is closed with unread data takes the answer with it.
-    stream.shutdown(Shutdown::Write)?;
-    stream.set_read_timeout(Some(REST))?;
-    let begun = std::time::Instant::now();
-    let (mut rest, mut reader) = ([0; 65536], &stream);
-    while begun.elapsed() < REST && reader.read(&mut rest)? > 0 {}
-    Ok(())
+    let _ = timeout(REST, tokio::io::copy(&mut rest, &mut tokio::io::sink())).await;
+    answer
 }

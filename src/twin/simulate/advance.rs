@@ -125,10 +125,14 @@ impl Run<'_> {
         h
     }
 
-    /// Records the contacts that are new since the last solution.
+    /// Records the contacts that are new since the last solution, and the strongest ones for the next frame.
     fn note_touches(&mut self, t: f64, motion: &Motion) {
-        let Self { contacts: Some(contacts), touching, report, twin, .. } = self else { return };
+        let is_seen = self.spacing().is_some();
+        let Self { contacts: Some(contacts), touching, strongest, report, twin, .. } = self else { return };
         for touch in contacts.touches() {
+            if is_seen {
+                touch.keep_in(strongest);
+            }
             if begins(touching, Meeting::Contact(touch.link, touch.other), t) {
                 let names = [contacts.name(touch.link), contacts.name(touch.other)];
                 let what = format!("{} touches {}", names[0], names[1]);

@@ -74,6 +74,7 @@ impl<'a> Run<'a> {
             tripped: false,
             checkpoint: Checkpoint::default(),
             contact: [STILL; BODIES],
+            strongest: Vec::new(),
             touching: Vec::new(),
             rest_since: None,
             rested: false,

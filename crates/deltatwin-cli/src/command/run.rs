@@ -88,7 +88,7 @@ pub fn message(step: &Step) -> String {
 #[cfg(feature = "viewer")]
 pub fn replay<'a>(recording: &'a Recording, analysis: &'a Analysis) -> Replay<'a> {
     let beside = (!analysis.diagnosis.effects.is_empty()).then_some(&analysis.diagnosis.model);
-    Replay { recording, model: &analysis.identification.fitted.model, beside, access: Access::PROJECT }
+    Replay { recording, contacts: &[], model: &analysis.identification.fitted.model, beside, access: Access::PROJECT }
 }
 
 /// Writes the Rerun file of the last recording with the identified model and adds it to `files`, where the program has the

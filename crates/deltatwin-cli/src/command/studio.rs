@@ -41,15 +41,16 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     }
     catch_interrupt()?;
     let ended = AtomicBool::new(false);
-    std::thread::scope(|scope| {
+    let served = std::thread::scope(|scope| {
         scope.spawn(|| {
             while !interrupted() && !ended.load(Ordering::Relaxed) {
                 std::thread::sleep(Duration::from_millis(100));
             }
             server.stop();
         });
-        server.run();
+        let served = server.run();
         ended.store(true, Ordering::Relaxed);
+        served
     });
-    Ok(DONE)
+    served.map(|()| DONE)
 }

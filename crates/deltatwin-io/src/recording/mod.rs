@@ -21,7 +21,7 @@ pub use recorder::{Head, Recorder};
 use std::path::Path;
 
 use deltatwin::machine::Mechanism;
-use deltatwin::recording::{Context, Recording};
+use deltatwin::recording::{Contacts, Context, Recording};
 
 use self::setup::Sidecar;
 use crate::file::{self, WriteError};
@@ -101,6 +101,14 @@ pub fn read_as(path: &Path, how: &Reading) -> Result<(Recording, Vec<String>), R
         Recording { name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(), signals, setup };
     let warnings = warnings.iter().map(|w| format!("{}: {w}", path.display())).collect();
     Ok((recording, warnings))
+}
+
+/// Contacts of the robot that a bag written by deltatwin holds, in order of time; none for another file.
+///
+/// # Errors
+/// A [`ReadError`] if a file cannot be read.
+pub fn contacts(path: &Path) -> Result<Vec<Contacts>, ReadError> {
+    if bag::is_bag(path) { bag::contacts(path) } else { Ok(Vec::new()) }
 }
 
 /// Writes a recording as `.csv` with its sidecar or as `.mcap`; an existing file is replaced.

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use deltatwin::machine::{Mechanism, Setup};
-use deltatwin::recording::{Context, Note, Poses, Signals};
+use deltatwin::recording::{Contacts, Context, Note, Poses, Signals};
 
 use super::{bag, csv, setup};
 use crate::file::{Appender, Growing, WriteError};
@@ -17,7 +17,7 @@ pub struct Head<'a> {
     pub start: Option<i64>,
     /// Known conditions of the run.
     pub setup: &'a Setup,
-    /// Provenance, attachments and description; its poses and events are not written.
+    /// Provenance, attachments and description; its poses, contacts and events are not written.
     pub context: &'a Context,
 }
 
@@ -69,15 +69,21 @@ impl Recorder {
         self.growing.partial()
     }
 
-    /// Appends samples, all with the same channels, and the poses and events among them.
+    /// Appends samples, all with the same channels, and the poses, contacts and events among them, which a CSV has not.
     ///
     /// # Errors
     /// [`WriteError::Io`] for inconsistent signals, a time that ROS 2 cannot represent, or if the file cannot be
     /// written.
-    pub fn append(&mut self, signals: &Signals, poses: &[Poses], notes: &[Note]) -> Result<(), WriteError> {
+    pub fn append(
+        &mut self,
+        signals: &Signals,
+        poses: &[Poses],
+        contacts: &[Contacts],
+        notes: &[Note],
+    ) -> Result<(), WriteError> {
         self.is_empty &= signals.is_empty();
         let appended = match &mut self.format {
-            Format::Bag(bag) => bag.append(signals, poses, notes),
+            Format::Bag(bag) => bag.append(signals, poses, contacts, notes),
             Format::Csv(csv) => csv.append(signals),
         };
         appended.and_then(|()| self.growing.keep()).map_err(|e| self.failed(e))

@@ -38,7 +38,7 @@ pub fn add(report: &mut Report, prior: &ParamTable, stages: &[(&str, &[Estimate]
                 .map_or("–".into(), |e| format!("{} ± {}", number(e.value), deltatwin::text::significant(e.std, 2)));
             let _ = write!(html, "<td class=\"n\">{text}</td>");
         }
-        let _ = writeln!(html, "<td>{}</td></tr>", escape(&p.unit.to_string()));
+        let _ = writeln!(html, "<td class=\"unit\">{}</td></tr>", escape(&p.unit.to_string()));
     }
     html.push_str("</tbody></table></div>");
     report.push(html);

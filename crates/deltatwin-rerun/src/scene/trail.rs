@@ -80,8 +80,8 @@ pub(super) fn legend(rec: &RecordingStream, scene: &Scene) -> Outcome {
     if lines.is_empty() || !is_assembled(scene) {
         return Ok(());
     }
-    // Above what moves, beside the housing.
-    let height = g.mounting_height + f64::from(LINE.1) * lines.len() as f64;
+    // Above what moves, beside the housing, and within the first view of the scene.
+    let height = g.mounting_height + f64::from(LINE.1);
     let [x, y, z] = point(Geometry::radial(0) * (-2.5 * g.base_radius) + Vector3::z() * height);
     let strips = (0..lines.len()).map(|k| {
         let height = z - LINE.1 * k as f32;

@@ -29,8 +29,8 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let (recording, warnings) = recording::read_of(file, None, model.mechanism)?;
     warn(&warnings);
     let progress = spinner("replay");
-    let replay =
-        Replay { recording: &recording, model: &model, beside: beside.as_ref(), access: args.outside.access() };
+    let (contacts, access) = (recording::contacts(file)?, args.outside.access());
+    let replay = Replay { recording: &recording, contacts: &contacts, model: &model, beside: beside.as_ref(), access };
     let written = replay.write(&output);
     progress.finish_and_clear();
     written?;
@@ -58,8 +58,8 @@ fn stream(args: &Args, file: &Path) -> miette::Result<u8> {
     let (recording, warnings) = recording::read_of(file, None, model.mechanism)?;
     warn(&warnings);
     catch_interrupt()?;
-    let replay =
-        Replay { recording: &recording, model: &model, beside: beside.as_ref(), access: args.outside.access() };
+    let (contacts, access) = (recording::contacts(file)?, args.outside.access());
+    let replay = Replay { recording: &recording, contacts: &contacts, model: &model, beside: beside.as_ref(), access };
     let Some(viewer) = args.viewer.viewer() else { return Ok(DONE) };
     let pace = args.viewer.is_live().then_some(args.speed);
     replay.stream(&viewer, pace, &|| !interrupted())?;

@@ -1,8 +1,8 @@
 //! Where the samples of a run go: into its file while it lasts, and into memory if they are needed as a whole.
 
 use deltatwin::machine::Setup;
-use deltatwin::recording::{Note, Poses, Signals};
-use deltatwin::twin::origin::{note, poses};
+use deltatwin::recording::{Contacts, Note, Poses, Signals};
+use deltatwin::twin::origin::{contacts, note, poses};
 use deltatwin::twin::{Frame, Piece, Receiver};
 use deltatwin_io::file::WriteError;
 use deltatwin_io::recording::{Head, Recorder};
@@ -57,8 +57,9 @@ impl<'a> Receiving<'a> {
             }
         };
         let poses: Vec<Poses> = piece.frames.iter().filter_map(|frame| poses(machine, options, frame)).collect();
+        let contacts: Vec<Contacts> = piece.frames.iter().map(|frame| contacts(options, frame)).collect();
         let notes: Vec<Note> = piece.events.iter().map(note).collect();
-        recorder.append(&piece.signals, &poses, &notes)
+        recorder.append(&piece.signals, &poses, &contacts, &notes)
     }
 }
 

@@ -39,7 +39,7 @@ impl Tape {
             return Ok(());
         }
         let signals = recording_of(samples, self.mechanism, &self.setup).signals;
-        self.recorder.append(&signals, &[], &[]).into_diagnostic()
+        self.recorder.append(&signals, &[], &[], &[]).into_diagnostic()
     }
 
     /// Makes sure, every half second, that everything so far is on the disk.

@@ -1,5 +1,7 @@
 //! CDR, the serialisation format of ROS 2 messages ([DDS-XTypes], 7.4.1, plain CDR version 1).
 
+use nalgebra::Vector3;
+
 /// Little-endian CDR writer; alignment is relative to the end of the header.
 #[derive(Default)]
 pub(super) struct Writer(Vec<u8>);
@@ -85,6 +87,11 @@ impl<'a> Reader<'a> {
     pub fn f64(&mut self) -> Option<f64> {
         let bytes = self.take(8, 8)?.try_into().ok()?;
         Some(if self.little { f64::from_le_bytes(bytes) } else { f64::from_be_bytes(bytes) })
+    }
+
+    /// Three numbers, as in `geometry_msgs/Vector3`.
+    pub fn vector(&mut self) -> Option<Vector3<f64>> {
+        Some(Vector3::new(self.f64()?, self.f64()?, self.f64()?))
     }
 
     pub fn string(&mut self) -> Option<String> {

@@ -8,7 +8,9 @@ use std::path::Path;
 
 pub(super) use self::rows::Rows;
 pub(super) use self::states::{Shape, States};
-use super::messages::{JOINT_STATE, is_type};
+use deltatwin::recording::Contact;
+
+use super::messages::{self, JOINT_STATE, is_type, parse_contacts};
 use super::topics;
 use crate::recording::ReadError;
 
@@ -28,6 +30,7 @@ pub(super) struct Content {
     pub unread: Option<String>,
     /// Whether the file is truncated or damaged.
     pub cut: bool,
+    wanted: Wanted,
     /// Names of all topics, and those that an error lists.
     topics: HashSet<String>,
     told: Vec<String>,
@@ -52,6 +55,17 @@ pub(super) enum Messages {
     States(States),
     /// Values that accompany the joint states.
     Rows(Rows),
+    /// Contacts of the robot.
+    Contacts(Vec<Vec<Contact>>),
+}
+
+/// What of a bag is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Wanted {
+    /// Joint states and what accompanies them.
+    Signals,
+    /// Contacts of the robot.
+    Contacts,
 }
 
 /// Encoding of the messages of a topic.
@@ -76,12 +90,13 @@ impl Full {
 
 impl Content {
     /// Nothing yet, which may grow to `allowed` bytes of memory.
-    pub fn new(allowed: usize) -> Self {
+    pub fn new(wanted: Wanted, allowed: usize) -> Self {
         Self {
             metadata: BTreeMap::new(),
             streams: Vec::new(),
             unread: None,
             cut: false,
+            wanted,
             topics: HashSet::new(),
             told: Vec::new(),
             known: HashMap::new(),
@@ -102,6 +117,10 @@ impl Content {
                 self.told.push(topic.into());
             }
         }
+        if self.wanted == Wanted::Contacts {
+            let is_usable = encoding == "cdr" && topic == topics::CONTACTS && is_type(type_name, &messages::CONTACTS);
+            return if is_usable { self.stream(topic, Encoding::Cdr).map(Some) } else { Ok(None) };
+        }
         let is_state = is_type(type_name, &JOINT_STATE);
         let encoding = match encoding {
             "cdr" if is_state || topics::is_optional(topic) => Encoding::Cdr,
@@ -113,18 +132,24 @@ impl Content {
                 return Ok(None);
             }
         };
+        self.stream(topic, encoding).map(Some)
+    }
+
+    /// The stream of a topic in `encoding`, a new one if there is none.
+    fn stream(&mut self, topic: &str, encoding: Encoding) -> Result<usize, Full> {
         let key = (topic.to_string(), encoding);
         if let Some(stream) = self.known.get(&key) {
-            return Ok(Some(*stream));
+            return Ok(*stream);
         }
         self.hold(topic.len() + TOPIC)?;
-        let messages = match topics::is_optional(topic) {
-            true => Messages::Rows(Rows::new(topic, encoding)),
-            false => Messages::States(States::default()),
+        let messages = match self.wanted {
+            Wanted::Contacts => Messages::Contacts(Vec::new()),
+            Wanted::Signals if topics::is_optional(topic) => Messages::Rows(Rows::new(topic, encoding)),
+            Wanted::Signals => Messages::States(States::default()),
         };
         self.streams.push(Stream { topic: topic.into(), times: Vec::new(), messages });
         self.known.insert(key, self.streams.len() - 1);
-        Ok(Some(self.streams.len() - 1))
+        Ok(self.streams.len() - 1)
     }
 
     /// Appends a message to a stream; of values that accompany the joint states, only those that can be decoded.
@@ -136,6 +161,12 @@ impl Content {
         let added = match messages {
             Messages::States(states) => Some(states.push(data)),
             Messages::Rows(rows) => rows.push(data),
+            Messages::Contacts(all) => parse_contacts(data).map(|contacts| {
+                let names = contacts.iter().flat_map(|c| &c.bodies).map(String::len).sum::<usize>();
+                let bytes = size_of::<Vec<Contact>>() + contacts.len() * size_of::<Contact>() + names;
+                all.push(contacts);
+                bytes
+            }),
         };
         if let Some(bytes) = added {
             times.push(time);
@@ -171,6 +202,7 @@ impl Content {
             match messages {
                 Messages::States(states) => states.reorder(&order),
                 Messages::Rows(rows) => rows.reorder(&order),
+                Messages::Contacts(all) => *all = order.iter().map(|&i| std::mem::take(&mut all[i])).collect(),
             }
         }
     }

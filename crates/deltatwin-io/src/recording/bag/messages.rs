@@ -2,7 +2,8 @@
 //!
 //! Definitions follow `common_interfaces`, `geometry2` and `rcl_interfaces` of ROS 2 Humble to Jazzy, which agree.
 
-use nalgebra::Isometry3;
+use deltatwin::recording::Contact;
+use nalgebra::{Isometry3, Vector3};
 
 use super::cdr::{Reader, Writer};
 
@@ -56,6 +57,19 @@ pub(super) const TRANSFORMS: Definition = Definition {
         "MSG: geometry_msgs/Transform\ngeometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
         "MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n",
         "MSG: geometry_msgs/Quaternion\nfloat64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n",
+        "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+    ),
+};
+
+pub(super) const CONTACTS: Definition = Definition {
+    name: "gazebo_msgs/msg/ContactsState",
+    text: types!(
+        "std_msgs/Header header\ngazebo_msgs/ContactState[] states\n",
+        "MSG: gazebo_msgs/ContactState\nstring info\nstring collision1_name\nstring collision2_name\n\
+         geometry_msgs/Wrench[] wrenches\ngeometry_msgs/Wrench total_wrench\n\
+         geometry_msgs/Vector3[] contact_positions\ngeometry_msgs/Vector3[] contact_normals\nfloat64[] depths\n",
+        "MSG: geometry_msgs/Wrench\ngeometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n",
+        "MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n",
         "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
     ),
 };
@@ -220,6 +234,55 @@ pub(super) fn transforms<'a>(
         pose.rotation.coords.iter().for_each(|x| w.f64(*x));
     }
     w.finish()
+}
+
+/// Encodes a `gazebo_msgs/msg/ContactsState` in `frame`, with one point and its wrench per pair.
+pub(super) fn contacts(time: i64, frame: &str, pairs: &[Contact]) -> Vec<u8> {
+    let mut w = Writer::default();
+    let vectors = |w: &mut Writer, all: &[&Vector3<f64>]| all.iter().copied().flatten().for_each(|x| w.f64(*x));
+    let none = Vector3::zeros();
+    header(&mut w, time, frame);
+    w.u32(pairs.len() as u32);
+    for Contact { bodies, at, normal, force } in pairs {
+        w.string("");
+        bodies.iter().for_each(|name| w.string(name));
+        w.u32(1);
+        // The wrench at the point, then the sum of them.
+        vectors(&mut w, &[force, &none, force, &none]);
+        for place in [at, normal] {
+            w.u32(1);
+            vectors(&mut w, &[place]);
+        }
+        w.f64s(&[]);
+    }
+    w.finish()
+}
+
+/// Contacts of a `gazebo_msgs/msg/ContactsState`: of every pair the first point with the sum of its forces.
+pub(super) fn parse_contacts(data: &[u8]) -> Option<Vec<Contact>> {
+    let mut r = Reader::new(data)?;
+    read_header(&mut r)?;
+    (0..r.u32()?).map(|_| parse_contact(&mut r)).collect()
+}
+
+fn parse_contact(r: &mut Reader) -> Option<Contact> {
+    r.string()?;
+    let bodies = [r.string()?, r.string()?];
+    for _ in 0..r.u32()? {
+        r.vector()?;
+        r.vector()?;
+    }
+    let force = r.vector()?;
+    r.vector()?;
+    let (mut at, mut normal) = (None, None);
+    for first in [&mut at, &mut normal] {
+        for _ in 0..r.u32()? {
+            let vector = r.vector()?;
+            first.get_or_insert(vector);
+        }
+    }
+    r.numbers(None)?;
+    Some(Contact { bodies, at: at?, normal: normal.unwrap_or_default(), force })
 }
 
 /// Encodes a `rcl_interfaces/msg/Log`; `level` is 10, 20, 30, 40 or 50.

@@ -14,7 +14,7 @@ mod tail;
 mod topics;
 mod write;
 
-pub use read::read;
+pub use read::{contacts, read};
 pub use tail::{JointSample, Tail};
 pub(in crate::recording) use write::Writer;
 pub use write::write;

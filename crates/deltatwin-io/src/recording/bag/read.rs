@@ -4,9 +4,9 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use deltatwin::machine::{Joint, Mechanism, Setup};
-use deltatwin::recording::Signals;
+use deltatwin::recording::{Contacts, Signals};
 
-use super::content::{Content, Messages, Rows, Shape, States, Stream};
+use super::content::{Content, Messages, Rows, Shape, States, Stream, Wanted};
 use super::{EPOCH, EXPECTED, MECHANISMS, folder, read_file, topics};
 use crate::recording::check::{self, Column, Table};
 use crate::recording::columns;
@@ -21,13 +21,7 @@ use crate::recording::{ReadError, Reading, memory, setup};
 /// # Errors
 /// A [`ReadError`] if a file cannot be read, the bag contains no usable joint states, or the signals fail the checks.
 pub fn read(path: &Path, how: &Reading) -> Result<(Signals, Option<Setup>, Vec<String>), ReadError> {
-    let mut warnings = Vec::new();
-    let mut content = Content::new(memory::for_messages(how.max_memory));
-    if path.is_dir() {
-        folder::read(path, &mut content, &mut warnings)?;
-    } else {
-        read_file(path, &mut content, &mut warnings)?;
-    }
+    let (mut content, mut warnings) = content_of(path, Wanted::Signals, how.max_memory)?;
     let setup = match content.metadata.get("setup").and_then(|m| m.get("toml")) {
         Some(text) => Some(setup::from_toml(text, &format!("{}[setup]", path.display()))?),
         None => None,
@@ -49,7 +43,7 @@ pub fn read(path: &Path, how: &Reading) -> Result<(Signals, Option<Setup>, Vec<S
     }
     let samples = Samples::of(path, &times, &joints, machine, how.joint, &mut warnings)?;
     drop((times, joints));
-    let zero = content.metadata.get("run").and_then(|m| m.get("zero_ns")?.parse::<i64>().ok());
+    let zero = zero_of(&content);
     let (table, start) = samples.table(path, machine, zero, &content, &mut warnings);
     drop(content);
     let (table, mapped) = columns::remap(table, how)?;
@@ -57,6 +51,39 @@ pub fn read(path: &Path, how: &Reading) -> Result<(Signals, Option<Setup>, Vec<S
     signals.start = Some(start).filter(|s| *s != EPOCH);
     warnings.extend(mapped.into_iter().chain(noticed));
     Ok((signals, setup, warnings))
+}
+
+/// Contacts in a bag that states its instant of t = 0, in order of time; none in others.
+///
+/// # Errors
+/// A [`ReadError`] if a file cannot be read.
+pub fn contacts(path: &Path) -> Result<Vec<Contacts>, ReadError> {
+    let (content, _) = content_of(path, Wanted::Contacts, None)?;
+    let Some(zero) = zero_of(&content) else { return Ok(Vec::new()) };
+    let seconds = |time: u64| (time as i64).wrapping_sub(zero) as f64 / 1e9;
+    let of = |stream: Stream| match stream.messages {
+        Messages::Contacts(all) => stream.times.into_iter().zip(all).map(|(t, pairs)| (seconds(t), pairs)).collect(),
+        Messages::States(_) | Messages::Rows(_) => Vec::new(),
+    };
+    let found = content.streams.into_iter().flat_map(of);
+    Ok(found.map(|(t, pairs)| Contacts { t, pairs }).collect())
+}
+
+/// What is wanted of a bag, with warnings about what was repaired.
+fn content_of(path: &Path, wanted: Wanted, memory: Option<u64>) -> Result<(Content, Vec<String>), ReadError> {
+    let mut warnings = Vec::new();
+    let mut content = Content::new(wanted, memory::for_messages(memory));
+    if path.is_dir() {
+        folder::read(path, &mut content, &mut warnings)?;
+    } else {
+        read_file(path, &mut content, &mut warnings)?;
+    }
+    Ok((content, warnings))
+}
+
+/// Instant of t = 0 that a bag states, ns since 1970.
+fn zero_of(content: &Content) -> Option<i64> {
+    content.metadata.get("run").and_then(|m| m.get("zero_ns")?.parse().ok())
 }
 
 /// Removes and returns the log times (ns) and messages of the stream with the robot's joint states.

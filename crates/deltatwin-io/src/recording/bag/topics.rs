@@ -10,6 +10,7 @@
 //! | `/end_effector` | `geometry_msgs/msg/PointStamped` | centre of the platform's ball plane in `base`, m |
 //! | `/joint_acceleration` | `trajectory_msgs/msg/JointTrajectory` | one point with accelerations, rad/s² |
 //! | `/tf` | `tf2_msgs/msg/TFMessage` | poses of links and objects in `base` |
+//! | `/contacts` | `gazebo_msgs/msg/ContactsState` | contacts of the robot in `base`: bodies, point, normal, force on the first |
 //! | `/robot_description` | `std_msgs/msg/String` | URDF |
 //! | `/events` | `rcl_interfaces/msg/Log` | events |
 //!
@@ -31,6 +32,7 @@ pub(super) const SOCKET_MARGINS: &str = "/socket_margins";
 pub(super) const MULTIPLIERS: &str = "/multipliers";
 pub(super) const LINKS: &str = "/links";
 pub(super) const TF: &str = "/tf";
+pub(super) const CONTACTS: &str = "/contacts";
 pub(super) const DESCRIPTION: &str = "/robot_description";
 pub(super) const EVENTS: &str = "/events";
 

@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::io::{Seek, Write};
 
 use deltatwin::machine::STRUTS;
-use deltatwin::recording::{Context, Level, Note, Poses, Recording, Signals, multiplier_names};
+use deltatwin::recording::{Contacts, Context, Level, Note, Poses, Recording, Signals, multiplier_names};
 use mcap::records::{MessageHeader, Metadata};
 
 use super::messages::{self, Definition, SECOND};
@@ -27,7 +27,7 @@ pub fn write(out: impl Write + Seek, recording: &Recording, context: &Context) -
     let Recording { signals, setup, .. } = recording;
     let head = Head { mechanism: signals.mechanism, start: signals.start, setup, context };
     let mut bag = Writer::new(out, &head)?;
-    bag.append(signals, &context.poses, &context.events)?;
+    bag.append(signals, &context.poses, &context.contacts, &context.events)?;
     bag.finish()
 }
 
@@ -38,6 +38,9 @@ pub(in crate::recording) struct Writer<W: Write + Seek> {
     /// Those of the samples, from the first sample on.
     channels: Option<Channels>,
     poses: Track<Poses>,
+    contacts: Track<Contacts>,
+    /// Whether the last contacts that were written are any.
+    touching: bool,
     notes: Track<Note>,
     /// Number of samples so far.
     samples: usize,
@@ -112,21 +115,36 @@ impl<W: Write + Seek> Writer<W> {
                 data: a.content.as_slice().into(),
             })?;
         }
-        let (poses, notes) = (Track::default(), Track::default());
-        Ok(Self { bag, description: description.clone(), channels: None, poses, notes, samples: 0 })
+        Ok(Self {
+            bag,
+            description: description.clone(),
+            channels: None,
+            poses: Track::default(),
+            contacts: Track::default(),
+            touching: false,
+            notes: Track::default(),
+            samples: 0,
+        })
     }
 
-    /// Appends samples with the poses and events among them, each in order of time.
+    /// Appends samples with the poses, contacts and events among them, each in order of time.
     ///
     /// # Errors
     /// As [`write`].
-    pub fn append(&mut self, signals: &Signals, poses: &[Poses], notes: &[Note]) -> std::io::Result<()> {
+    pub fn append(
+        &mut self,
+        signals: &Signals,
+        poses: &[Poses],
+        contacts: &[Contacts],
+        notes: &[Note],
+    ) -> std::io::Result<()> {
         check::columns(signals, self.samples).map_err(std::io::Error::other)?;
         let second = |t: f64| self.bag.zero as f64 / 1e9 + t;
         if let Some(t) = signals.t.iter().find(|t| t.abs() >= 1e8 || !(0.0..LAST as f64).contains(&second(**t))) {
             return Err(std::io::Error::other(format!("time {t} s is out of range")));
         }
         self.poses.waiting.extend(poses.iter().cloned());
+        self.contacts.waiting.extend(contacts.iter().cloned());
         self.notes.waiting.extend(notes.iter().cloned());
         self.samples(signals).map_err(plain)
     }
@@ -165,14 +183,21 @@ impl<W: Write + Seek> Writer<W> {
         Ok(())
     }
 
-    /// Writes the poses and events up to `time`.
+    /// Writes the poses, contacts and events up to `time`; contacts while there are any, and once that there are none.
     fn until(&mut self, time: i64) -> mcap::McapResult<()> {
-        let Self { bag, poses, notes, .. } = self;
+        let Self { bag, poses, contacts, touching, notes, .. } = self;
         while poses.waiting.front().is_some_and(|p| bag.time(p.t) <= time) {
             let Some(Poses { t, frames }) = poses.waiting.pop_front() else { break };
             let id = poses.channel(bag, topics::TF, &messages::TRANSFORMS)?;
             let frames = frames.iter().map(|(name, pose)| (name.as_str(), *pose));
             bag.message(id, bag.time(t), &messages::transforms(bag.time(t), topics::BASE, frames))?;
+        }
+        while contacts.waiting.front().is_some_and(|c| bag.time(c.t) <= time) {
+            let Some(Contacts { t, pairs }) = contacts.waiting.pop_front() else { break };
+            if std::mem::replace(touching, !pairs.is_empty()) || *touching {
+                let id = contacts.channel(bag, topics::CONTACTS, &messages::CONTACTS)?;
+                bag.message(id, bag.time(t), &messages::contacts(bag.time(t), topics::BASE, &pairs))?;
+            }
         }
         while notes.waiting.front().is_some_and(|n| bag.time(n.t) <= time) {
             let Some(Note { t, level, text }) = notes.waiting.pop_front() else { break };
