@@ -11,7 +11,6 @@ use crate::effects::{self, ActiveEffect, Entry, Kind, Param, Role, Start};
 use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
 use crate::identification::dataset::averaged_segments;
 use crate::identification::fit::{Fit, FitError, kinematics, nominal_size};
-use crate::identification::lines::LEAST_PERIODS;
 use crate::identification::prediction::Channels;
 use crate::identification::{Dataset, Residuals, averaged_columns};
 use crate::machine::{Mechanism, Unit};
@@ -41,6 +40,9 @@ const WORTH_CARING: f64 = 0.3;
 /// RMS contribution of an effect of usual magnitude on a lone axis, relative to the measured torque or force.
 const USUAL_SHARE: f64 = 0.1;
 
+/// Turns of the motor from which a law of its angle differs from gravity and springs by at least two periods.
+const LEAST_TURNS: f64 = 2.0;
+
 /// Largest sampling period, s, at which the ringing of elastic gears above 10 Hz is resolved.
 const SLOWEST_RINGING: f64 = 4e-3;
 
@@ -59,7 +61,7 @@ pub fn absent(
     let testable = known.filter(|e| e.spec().identifiable && e.name() != effects::cogging::NAME);
     let turns = orders::motor_turns(model, datasets);
     let of_motor = |e: &dyn effects::Effect| e.parameters().iter().any(|p| p.unit == Unit::GearRatio);
-    let testable = testable.filter(|e| turns >= LEAST_PERIODS || !of_motor(&**e));
+    let testable = testable.filter(|e| turns >= LEAST_TURNS || !of_motor(&**e));
     let is_smoothed = datasets.iter().any(Dataset::blurs_reversals);
     let filters =
         |a: &ActiveEffect| a.effect.sensor().is_some_and(|sensor| sensor.memory(&a.at_nominal_size().values()) > 0.0);
@@ -98,7 +100,7 @@ fn variants(model: &Model, effect: Arc<dyn effects::Effect>) -> Vec<ActiveEffect
         own.map(|(i, _)| i)
     };
     if !effect.spec().search.starts.is_empty() {
-        return effect.spec().search.starts.iter().map(|start| begun_at(&base, start)).collect();
+        return effect.spec().search.starts.iter().map(|start| begun_at(&base, start, model.view().size())).collect();
     }
     // Sets of values that are scaled together. The response of gears depends on their compliance from the start.
     let gears = base.has_gears();
@@ -135,12 +137,15 @@ fn variants(model: &Model, effect: Arc<dyn effects::Effect>) -> Vec<ActiveEffect
     variants
 }
 
-/// An effect with the values of an initial shape.
-fn begun_at(active: &ActiveEffect, start: &Start) -> ActiveEffect {
+/// An effect with the values of an initial shape, on a machine of `size` relative to the reference machine.
+fn begun_at(active: &ActiveEffect, start: &Start, size: f64) -> ActiveEffect {
     let mut begun = active.clone();
     for (block, values) in start.0.iter().flatten() {
         let first = begun.values().index(*block, 0);
-        begun.values[first..first + values.len()].copy_from_slice(values);
+        let factor = if active.effect.parameters()[*block].unit == Unit::M { size } else { 1.0 };
+        for (own, value) in begun.values[first..].iter_mut().zip(*values) {
+            *own = factor * value;
+        }
     }
     begun
 }

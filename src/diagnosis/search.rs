@@ -191,6 +191,12 @@ impl<'a> Search<'a> {
         self.edges == Edges::Apart && !self.start.fit.edges.is_empty()
     }
 
+    /// Whether the start has active consistency constraints, by which its linearisation differs from that of a fit with
+    /// the right effect.
+    fn is_bounded(&self) -> bool {
+        !self.start.fit.edges.is_empty()
+    }
+
     /// The problem without the refused candidates.
     fn stated(&self) -> Problem {
         let mut stated = self.problem.clone();
@@ -235,7 +241,7 @@ impl<'a> Search<'a> {
                 String::new()
             })
         };
-        let is_held = self.is_held();
+        let is_held = self.is_held() || self.is_bounded() && !is_nonlinear(&self.start.fit.model);
         let outcome = evidence::select_with(&stated, &self.settings, &|| fitting.is_late(), refit, is_held);
         self.all = all;
         fitting.count_rankings(outcome.as_ref().map_or(rankings, |o| o.rankings));
@@ -259,7 +265,7 @@ impl<'a> Search<'a> {
         let names = self.names(chosen);
         let is_lag = self.lag == Lag::Possible && names.last().is_some_and(|name| name == DELAY);
         let model = with_effects(&self.start.fit.model, self.candidates, chosen, None);
-        if !is_lag && !self.is_held() && !is_nonlinear(&model) {
+        if !is_lag && !self.is_bounded() && !is_nonlinear(&model) {
             fitting.tried();
             return Ok(Refit::Same);
         }

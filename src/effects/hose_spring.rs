@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Start, Unit, Values, Wrenches};
+use super::{About, Count, Effect, Instant, MachineView, Parameter, Part, Role, Spec, Start, Unit, Values, Wrenches};
 use crate::machine::bodies::PLATFORM;
 
 /// Spring force F = f − k·e·d/|d| on the platform's centre p, with d = p − a and the elongation e = |d| − l₀.
@@ -19,8 +19,8 @@ const ANCHOR: usize = 2;
 const FREE_LENGTH: usize = 3;
 const PULLS_ONLY: usize = 4;
 
-/// Starting values: fixed ends 0.8 m from the middle of the workspace, overhead and inclined by 45° to four sides, each
-/// with a spring of about that length and with a slack one.
+/// Starting values on the reference machine: fixed ends 0.8 m from the middle of the workspace, overhead and inclined by
+/// 45° to four sides, each with a spring of about that length and with a slack one.
 const STARTS: [Start; 11] = {
     const fn at(anchor: &'static [f64], length: &'static [f64], pulls_only: &'static [f64]) -> Start {
         Start([Some((ANCHOR, anchor)), Some((FREE_LENGTH, length)), Some((PULLS_ONLY, pulls_only))])
@@ -64,7 +64,14 @@ static SPEC: Spec = Spec::new(
 )
 // Factors for randomly drawn hoses in the validation; the diagnosis uses the starts.
 .grids(&[&[0.5, 0.7, 1.3, 2.0]])
-.starts(&STARTS);
+.starts(&STARTS)
+.constants(constant);
+
+/// Fixed end and free length in proportion to the mechanism.
+fn constant(parameter: &str, model: &MachineView) -> Option<f64> {
+    let usual = PARAMETERS.iter().find(|p| p.name == parameter && p.unit == Unit::M)?.default;
+    Some(usual * model.size())
+}
 
 impl Effect for HoseSpring {
     fn spec(&self) -> &Spec {

@@ -39,6 +39,15 @@ pub struct MachineView<'a> {
     pub effects: &'a Effects,
 }
 
+impl MachineView<'_> {
+    /// Size of the mechanism relative to the reference machine, by the strut length of the first limb.
+    pub fn size(&self) -> f64 {
+        self.geometry.strut_length[0] / STRUT
+    }
+}
+
+/// Strut length of the reference machine, m.
+const STRUT: f64 = 1.106;
 /// Torque (N·m) and speed limit (rad/s) of the reference arm drive.
 const STATED: (f64, f64) = (132.0, 18.989);
 /// Friction of the telescope drive relative to an arm drive: 0.53 N·m to 4.7 N·m ([Gnad 2024], Tables 2 and 4).

@@ -61,7 +61,8 @@ pub struct Search {
     pub switches: &'static [&'static str],
 }
 
-/// Starting point of a search: values of up to three parameter blocks, by block index.
+/// Starting point of a search: values of up to three parameter blocks, by block index; lengths are those on the reference
+/// machine.
 #[derive(Debug)]
 pub struct Start(pub [Option<(usize, &'static [f64])>; 3]);
 

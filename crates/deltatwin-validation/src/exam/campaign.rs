@@ -15,7 +15,7 @@ use deltatwin::effects::rigid_bodies::{self, RigidBodies};
 use deltatwin::effects::{self, Effect, Role};
 use deltatwin::identification::dataset::noise_floor;
 use deltatwin::identification::{Dataset, FitError, Residuals};
-use deltatwin::machine::{AXES, Payload, Setup};
+use deltatwin::machine::{AXES, Actuator, Payload, Setup};
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::scenario::Sensors;
@@ -40,7 +40,7 @@ pub struct Case {
     pub motion: MotionKind,
     /// Whether strut 1 has a force sensor at the elbow.
     pub strut_sensor: bool,
-    /// Whether the robot carries 2.5 kg off its axis.
+    /// Whether the robot carries a payload off its axis, 2.5 kg on the IRB 360-6/1600.
     pub payload: bool,
     /// Duration of each recording, s.
     pub duration: f64,
@@ -104,10 +104,30 @@ pub enum CampaignError {
     Simulation(#[from] SimulationError),
 }
 
-/// Standard deviation of the torque noise of a delta robot, N·m.
-const TORQUE_NOISE: [f64; AXES] = [0.4, 0.4, 0.4, 0.05];
-/// Payload of campaigns with one: mass (kg), centre of mass (m), inertia about z (kg·m²).
+/// Torque noise relative to that of the model.
+const NOISE: [f64; AXES] = [0.8, 0.8, 0.8, 1.0];
+/// Payload on the reference machine: mass (kg), centre of mass (m), inertia about z (kg·m²).
 const PAYLOAD: (f64, [f64; 3], f64) = (2.5, [0.03, -0.02, -0.08], 0.012);
+/// Largest force of a drive of the reference machine at the elbow, 132 N·m over 0.5 m, N.
+const REFERENCE_FORCE: f64 = 264.0;
+
+/// Standard deviation of the torque noise on a machine, N·m or N.
+fn torque_noise(model: &Model) -> [f64; AXES] {
+    std::array::from_fn(|axis| NOISE[axis] * model.noise.torque[axis])
+}
+
+/// The payload of the campaigns, with its mass in proportion to the drives' force at the elbows and its lengths to the
+/// struts'.
+fn payload(model: &Model) -> Payload {
+    let drive = model.drives[0].max_torque;
+    let force = match model.geometry.arms {
+        Actuator::Revolute => drive / model.geometry.arm_length,
+        Actuator::Prismatic { .. } => drive,
+    };
+    let (heavier, larger) = (force / REFERENCE_FORCE, model.view().size());
+    let (mass, com, inertia_zz) = PAYLOAD;
+    Payload::new(heavier * mass, com.map(|x| larger * x), heavier * larger * larger * inertia_zz)
+}
 
 /// Independent streams of random numbers.
 enum Stream {
@@ -125,10 +145,9 @@ impl Case {
         rng
     }
 
-    fn setup(&self) -> Setup {
-        let (mass, com, inertia_zz) = PAYLOAD;
-        let payload = if self.payload { Payload::new(mass, com, inertia_zz) } else { Payload::default() };
-        Setup { payload, torque_noise: Some(TORQUE_NOISE), ..Setup::default() }
+    fn setup(&self, model: &Model) -> Setup {
+        let payload = if self.payload { payload(model) } else { Payload::default() };
+        Setup { payload, torque_noise: Some(torque_noise(model)), ..Setup::default() }
     }
 }
 
@@ -206,14 +225,14 @@ pub fn prepare(model: &Model, case: &Case, beyond: &[Arc<dyn Effect>]) -> Result
     };
     let mut wanted = case.effects.iter().map(find).collect::<Result<Vec<_>, _>>()?;
     wanted.extend(beyond.iter().cloned());
-    let setup = case.setup();
+    let setup = case.setup(model);
     let mut robot = model.clone();
     perturb(&mut robot, &mut case.random(Stream::Robot));
     let believed = Plant::new(model, &setup);
     let mut rng = case.random(Stream::Motion);
     let motions = [0, 1].map(|_| Motion::draw(case.motion, model, &believed, &mut rng));
     let mut channels = Channel::of_drives(model.mechanism);
-    let mut sigma = TORQUE_NOISE[..channels.len()].to_vec();
+    let mut sigma = torque_noise(model)[..channels.len()].to_vec();
     if case.strut_sensor {
         channels.push(Channel::StrutUpper(0));
         sigma.push(model.noise.strut_force);
@@ -239,7 +258,7 @@ impl Prepared {
     /// If the simulation stops.
     pub fn quiet(self, model: &Model, progress: &(dyn Fn(usize, f64) + Sync)) -> Result<Campaign, CampaignError> {
         let Self { case, hidden, robot, motions, unspanned } = self;
-        let setup = case.setup();
+        let setup = case.setup(model);
         let believed = Plant::new(model, &setup);
         let run = |k: usize| {
             let options = Options {
@@ -305,7 +324,7 @@ impl Campaign {
         [&self.measurement, &self.validation].map(|quiet| {
             let mut recording = quiet.clone();
             let signals = &mut recording.signals;
-            noise::lay(case.noise, &TORQUE_NOISE, force, signals, &mut rng);
+            noise::lay(case.noise, &torque_noise(&self.model), force, signals, &mut rng);
             signals.t.iter_mut().for_each(|t| *t = rounded(*t, 1e7));
             signals.q.iter_mut().flatten().for_each(|q| *q = rounded(*q, 1e9));
             signals.tau.iter_mut().flatten().for_each(|tau| *tau = rounded(*tau, 1e4));
