@@ -10,13 +10,14 @@ use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
 
 use super::SingularPose;
 use super::constraints::ROWS;
+use super::contacts::{Contacts, Resistance};
 use super::context::{Answer, Context};
 use super::forces::spin_restraint;
 use super::integrator::{Stage, System};
 use super::maximal::{Added, Bearings, Extra, MaximalCoordinates, Solution as Constrained, Stretch, Stretches};
 use super::rod::{self, Rod};
 use super::state::BodyState;
-use super::wrench::{STILL, Twist};
+use super::wrench::{Load, STILL, Twist};
 use crate::dynamics::Plant;
 use crate::effects::StrutSpring;
 use crate::kinematics::{BodyMotion, JointState, Motion, Reactions, Screw, SocketSet, Telescope};
@@ -313,6 +314,8 @@ pub(super) struct Solution {
 pub(super) struct Absolute<'a> {
     pub context: &'a mut Context,
     pub joints: &'a mut Joints,
+    /// Contacts whose wrenches are taken at every stage.
+    pub contacts: Option<&'a mut (dyn Contacts + 'static)>,
 }
 
 impl Absolute<'_> {
@@ -389,6 +392,13 @@ impl Absolute<'_> {
         let Context { forces, layout, torque, scratch, .. } = &*self.context;
         let drives = torque.at(t);
         let mut blocks = [Added::NONE; BODIES];
+        if scratch.resisted {
+            for (b, contact) in scratch.resistances.iter().enumerate().filter(|(_, c)| **c != Resistance::NONE) {
+                let (m, sum) = (&motion.bodies[b], &sum[BODY * b..BODY * (b + 1)]);
+                resist(&mut pushes[b], contact, (m, sum), g);
+                blocks[b].resisting(contact, g);
+            }
+        }
         let damped = &scratch.damping;
         let mut restrain = |body: usize, screw: Screw, d: f64| {
             screw.push(&mut pushes[body], -d * rate_of(&screw, body, sum));
@@ -427,16 +437,54 @@ impl Absolute<'_> {
     }
 }
 
+/// Adds −K·(s_x + hγ·(v + s_v)) − D·s_v of the contacts of a body with the twist of `m` to its loads; s_x and s_v are
+/// the stage's sums of its positions and velocities, `g` is hγ.
+fn resist(load: &mut Twist, contacts: &Resistance, (m, sum): (&BodyMotion, &[f64]), g: f64) {
+    let twist = [m.velocity, m.angular_velocity];
+    let sums = |at: [usize; 2], k: usize| sum[at[k / 3] + k % 3];
+    let changed: [f64; 6] = std::array::from_fn(|k| sums([VELOCITY, OMEGA], k));
+    let moved: [f64; 6] = std::array::from_fn(|k| sums([0, TURN], k) + g * (twist[k / 3][k % 3] + changed[k]));
+    let back = |k: usize| {
+        let along = |(i, x): (usize, &f64)| contacts.stiffness[k][i] * x + contacts.damping[k][i] * changed[i];
+        moved.iter().enumerate().map(along).sum::<f64>()
+    };
+    for k in 0..3 {
+        load.0[k] -= back(k);
+        load.1[k] -= back(3 + k);
+    }
+}
+
+impl Absolute<'_> {
+    /// Takes the wrenches of the contacts at a stage, and at the first one their resistance for the step.
+    fn touch(&mut self, motion: &Motion, first: bool) {
+        let Some(contacts) = &mut self.contacts else {
+            self.context.scratch.resisted = false;
+            return;
+        };
+        self.context.external = Load::constant(*contacts.wrenches(motion, self.context.closed));
+        if first {
+            let scratch = &mut self.context.scratch;
+            let known = contacts.resistances(motion);
+            scratch.resisted = known.is_some();
+            if let Some(known) = known {
+                scratch.resistances.copy_from_slice(known);
+            }
+        }
+    }
+}
+
 impl System for Absolute<'_> {
     fn stage(&mut self, stage: &Stage, k: &mut [f64]) -> Result<(), SingularPose> {
         let Stage { t, y, sum, g, first } = *stage;
         let mut motion = motion(&self.context.plant, y);
+        self.touch(&motion, first);
         if first && g > 0.0 {
             self.context.measure_damping(t, y, &mut motion);
         }
         let solution = self.solve(t, y, &motion, Some((sum, g)))?;
-        // Position rates are the velocities; with elastic struts, whose stiffness is implicit, those one step ahead.
-        let ahead = self.joints.springs.is_some() && g > 0.0;
+        // Position rates are the velocities; with elastic struts or contacts, whose stiffness is implicit, those one step
+        // ahead.
+        let ahead = (self.joints.springs.is_some() || self.context.scratch.resisted) && g > 0.0;
         let rate = |now: Vector3<f64>, at: usize, slope: Vector3<f64>| {
             if ahead { now + vector(&sum[at..]) + slope * g } else { now }
         };

@@ -8,6 +8,10 @@
 //! 2. [`Contacts::wrenches`] at the extrapolated poses; over the step the wrenches change linearly to these values;
 //! 3. the twin's own step;
 //! 4. [`Contacts::advance`] by the same time for the free objects, under the opposite wrenches.
+//!
+//! A broken robot that meets only what does not move, or itself, takes the wrenches at every stage of its step instead,
+//! and their [`Resistance`] implicitly. The step is then bounded by its estimated error, not by the stiffness of the
+//! contacts: a part that lies still is followed with few steps.
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -36,6 +40,13 @@ pub trait Contacts {
     /// The opposite loads act on the objects in the next [`Self::advance`]. Momentum is conserved if the twin changes
     /// the wrenches linearly from those of the previous call to these over that step.
     fn wrenches(&mut self, motion: &Motion, closed: SocketSet) -> &[Twist; BODIES];
+
+    /// Resistance of the contacts on each of the robot's bodies at the last [`Self::wrenches`], for the same `motion`;
+    /// a coupling between two bodies is left out. `None` if an object that moves was near at the last [`Self::near`], or
+    /// if the solver does not know it.
+    fn resistances(&mut self, _motion: &Motion) -> Option<&[Resistance; BODIES]> {
+        None
+    }
 
     /// Contacts at the last [`Self::wrenches`]: each pair once, in the order of the links.
     fn touches(&self) -> &[Touch];
@@ -116,6 +127,27 @@ pub enum ContactBody {
     Link(usize),
     /// Object, an index into [`Surroundings::objects`]; higher ones are the solver's own.
     Object(usize),
+}
+
+/// A symmetric 6×6 matrix of one body, for displacements or velocities of its origin, then for rotations or angular
+/// velocities; inertial axes.
+pub type Block = [[f64; 6]; 6];
+
+/// Resistance of the contacts of one body to small motions about the present one.
+///
+/// Both matrices are positive semi-definite: a small displacement of the body changes the wrench on it by −stiffness
+/// times the displacement (N/m, N, N·m), a small velocity by −damping times the velocity (N·s/m, N·s, N·m·s).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Resistance {
+    /// Resistance to displacements.
+    pub stiffness: Block,
+    /// Resistance to velocities.
+    pub damping: Block,
+}
+
+impl Resistance {
+    /// No contact.
+    pub const NONE: Self = Self { stiffness: [[0.0; 6]; 6], damping: [[0.0; 6]; 6] };
 }
 
 /// Two bodies in contact.

@@ -4,6 +4,7 @@
 use nalgebra::{SVector, Vector3};
 
 use super::SingularPose;
+use super::contacts::Resistance;
 use super::forces::{Damping, Evaluation, Forces, Motors, Scene, Sums, spin_restraint};
 use super::integrator::Stage;
 use super::layout::{Layout, WORK_CONTACT, WORK_EFFECTS, WORK_RESTRAINTS, WORK_STOPS, WORK_STRUTS};
@@ -157,6 +158,10 @@ pub(super) struct Scratch {
     total: [Twist; BODIES],
     /// Damping in W for the present step.
     pub damping: Damping,
+    /// Resistance of contacts in W for the present step, and whether there is any: contacts are evaluated at every
+    /// stage.
+    pub resistances: Box<[Resistance; BODIES]>,
+    pub resisted: bool,
     /// Loads on the rotors of elastic gears; those that do not depend on the solution are in `resting`.
     pub motors: Motors,
     resting: [f64; ARMS],
@@ -184,6 +189,8 @@ impl Scratch {
             wrenches: [STILL; BODIES],
             total: [STILL; BODIES],
             damping: Damping::default(),
+            resistances: Box::new([Resistance::NONE; BODIES]),
+            resisted: false,
             motors: Motors::default(),
             resting: [0.0; ARMS],
             fault: None,

@@ -7,6 +7,7 @@ use super::assembled::{self, Assembled, FrameCache};
 use super::axes::{self, Axes};
 use super::closed::Mechanism;
 use super::constraints::ROWS;
+use super::contacts::Contacts;
 use super::context::{Answer, Context, Scratch};
 use super::forces::{Damping, Forces};
 use super::integrator::{RK4, ROS34PW2, Stepper, Tableau};
@@ -165,6 +166,31 @@ impl Twin {
     /// [`SingularPose`] if the equations of motion cannot be solved in a stage or the state cannot be projected onto
     /// the constraints.
     pub fn step(&mut self, h: f64, torque: &Torque) -> Result<(), SingularPose> {
+        self.advance(h, torque, None)
+    }
+
+    /// [`Self::step`] of a broken robot with wrenches of `contacts` at every stage; afterwards they are the external
+    /// ones.
+    ///
+    /// # Errors
+    /// As for [`Self::step`].
+    pub(super) fn step_touching(
+        &mut self,
+        h: f64,
+        torque: &Torque,
+        contacts: &mut (dyn Contacts + 'static),
+    ) -> Result<(), SingularPose> {
+        self.advance(h, torque, Some(&mut *contacts))?;
+        self.context.external = Load::constant(*contacts.wrenches(&self.motion(), self.context.closed));
+        Ok(())
+    }
+
+    fn advance(
+        &mut self,
+        h: f64,
+        torque: &Torque,
+        contacts: Option<&mut (dyn Contacts + 'static)>,
+    ) -> Result<(), SingularPose> {
         let Self { context, form, stepper, y, t, smooth, .. } = self;
         context.torque = *torque;
         let steep = context.forces.are_gears_steep(ROS34PW2.gamma * h);
@@ -176,7 +202,7 @@ impl Twin {
                 stepper.step(tableau, &mut Assembled { context, mechanism, cache }, *t, y, h)?;
             }
             Form::Axes => stepper.step(tableau, &mut Axes { context }, *t, y, h)?,
-            Form::Absolute(joints) => stepper.step(tableau, &mut Absolute { context, joints }, *t, y, h)?,
+            Form::Absolute(joints) => stepper.step(tableau, &mut Absolute { context, joints, contacts }, *t, y, h)?,
         }
         self.t += h;
         self.last = Some((tableau, h));
@@ -212,7 +238,7 @@ impl Twin {
                 (motion, solution.reactions, solution.socket_force)
             }
             Form::Absolute(joints) => {
-                let (motion, solution) = Absolute { context, joints }.evaluate(*t, y)?;
+                let (motion, solution) = Absolute { context, joints, contacts: None }.evaluate(*t, y)?;
                 multipliers = Some(solution.multipliers);
                 (motion, solution.reactions, solution.socket_force)
             }

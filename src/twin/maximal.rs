@@ -517,7 +517,7 @@ fn worst(a: f64, b: f64) -> f64 {
     if a.abs() < b.abs() || b.is_nan() { b.abs() } else { a }
 }
 
-/// Spatial inertia about the body's origin, inertial axes: [m + D_v, −h×; h×, Θ + D_ω] with h = m·c.
+/// Spatial inertia about the body's origin, inertial axes: [m + D_v, −h× + D_cᵀ; h× + D_c, Θ + D_ω] with h = m·c.
 fn spatial(inertia: &Inertia, r: &Matrix3<f64>, damping: Option<&Added>) -> [Six; 6] {
     let h = r * inertia.first_moment;
     let mut tensor = r * inertia.tensor * r.transpose();
@@ -540,6 +540,14 @@ fn spatial(inertia: &Inertia, r: &Matrix3<f64>, damping: Option<&Added>) -> [Six
     for (i, k, x) in [(0, 1, -h.z), (0, 2, h.y), (1, 0, h.z), (1, 2, -h.x), (2, 0, -h.y), (2, 1, h.x)] {
         m[k][3 + i] = x;
         m[3 + i][k] = x;
+    }
+    if let Some(added) = damping {
+        for k in 0..3 {
+            for i in 0..3 {
+                m[k][3 + i] += added.coupling[(i, k)];
+                m[3 + i][k] += added.coupling[(i, k)];
+            }
+        }
     }
     m
 }

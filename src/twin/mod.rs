@@ -35,7 +35,7 @@ mod torque;
 mod trace;
 mod wrench;
 
-pub use contacts::{ContactBody, ContactWork, Contacts, Held, NewContacts, Surroundings, Touch};
+pub use contacts::{Block, ContactBody, ContactWork, Contacts, Held, NewContacts, Resistance, Surroundings, Touch};
 pub use controller::Gains;
 pub use machine::{Checkpoint, Snapshot, Twin};
 pub use options::{Options, Watcher};

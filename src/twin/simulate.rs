@@ -177,6 +177,8 @@ struct Run<'a> {
     known: Option<Snapshot>,
     /// Length of the next step of a broken robot, s.
     pace: f64,
+    /// Shortest step of a broken robot at present, s, if its contacts are evaluated at every stage.
+    finest: Option<f64>,
     work: Vec<f64>,
     turned_over: f64,
     /// Number of frames so far; the number of events passed to the watcher follows.

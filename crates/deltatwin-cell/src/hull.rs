@@ -272,9 +272,12 @@ impl Hull {
         for a in &self.edges {
             let own = a.segment(at);
             let ends = a.ends.map(|end| there.to_local(&at.to_world(&end)));
-            other.near(0, &around(&ends, a.radius), |i| {
+            let region = around(&ends, a.radius);
+            other.near(0, &region, |i| {
                 let b = &other.edges[i];
-                a.crossing(&own, b, &b.segment(there), out);
+                if region.intersects(&around(&b.ends, b.radius)) {
+                    a.crossing(&own, b, &b.segment(there), out);
+                }
             });
         }
     }

@@ -27,10 +27,10 @@ use deltatwin::kinematics::{Motion, SocketSet};
 use deltatwin::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, body_name};
 use deltatwin::machine::{Bodies, Geometry, Inertia};
 use deltatwin::scenario::PayloadShape;
-use deltatwin::twin::{ContactBody, ContactWork, Contacts, Held, Surroundings, Touch, Twist};
+use deltatwin::twin::{ContactBody, ContactWork, Contacts, Held, Resistance, Surroundings, Touch, Twist};
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
-use contact::{Wrench, about, add, press};
+use contact::{Wrench, about, add, join, moved, press};
 use hull::{Hull, Point};
 use links::Part;
 use neighbours::Neighbours;
@@ -79,6 +79,10 @@ pub struct Cell {
     quickest: f64,
     /// Force (N) and moment about the origin (N·m) on each body of the robot, inertial axes.
     wrenches: [Wrench; BODIES],
+    /// Resistance of the contacts on each body, about the origin of the inertial frame until asked for.
+    resistances: Box<[Resistance; BODIES]>,
+    /// Whether a free object was near at the last call of `near`.
+    loose: bool,
     /// Loads on the objects, force and moment about the origin, at the last call of `wrenches`; those at the previous
     /// call follow.
     reactions: Vec<Wrench>,
@@ -162,6 +166,8 @@ impl Cell {
             masses: [STRUT_END_MASS; BODIES],
             quickest: all.iter().map(quickness).fold(STRUT_END_MASS / Surface::default().stiffness, f64::min),
             wrenches: UNLOADED,
+            resistances: Box::new([Resistance::NONE; BODIES]),
+            loose: true,
             reactions: vec![(Vector3::zeros(), Vector3::zeros()); all.len()],
             earlier: vec![(Vector3::zeros(), Vector3::zeros()); all.len()],
             fresh: false,
@@ -253,13 +259,14 @@ fn quickness(object: &Object) -> f64 {
 
 impl Contacts for Cell {
     fn near(&mut self, motion: &Motion, closed: SocketSet, horizon: f64) -> bool {
-        let Self { world, robot, neighbours, masses, quickest, .. } = self;
+        let Self { world, robot, neighbours, masses, quickest, loose, .. } = self;
         let travel = |speed: f64| speed * horizon + 0.5 * ACCELERATION * horizon * horizon;
         let extents = robot.extents();
         let speed_of = |body: usize| Placement::from(&motion.bodies[body]).speed(extents[body]);
         let links = (0..BODIES).map(speed_of).fold(0.0, f64::max);
         let objects = world.present().map(|o| o.at.speed(o.extent)).fold(0.0, f64::max);
         neighbours.look(world, robot, motion, closed, travel(links + links.max(objects)));
+        *loose = false;
         let near = |&(first, second): &(Collider, Collider)| {
             let link = robot.placed(world, first, motion)?;
             let within = |bounds: &placement::Bounds, hull: &Hull, at: &Placement, speed: f64| {
@@ -272,8 +279,9 @@ impl Contacts for Cell {
                     .then(|| own.min(masses[other.body]) / Surface::default().stiffness),
                 (None, Collider::Object(o)) => {
                     let object = &world.objects[o];
-                    within(&object.bounds, &object.hull, &object.at, object.at.speed(object.extent))
-                        .then(|| (own / object.object.surface.stiffness).min(quickness(&object.object)))
+                    let near = within(&object.bounds, &object.hull, &object.at, object.at.speed(object.extent));
+                    *loose |= near && object.is_free();
+                    near.then(|| (own / object.object.surface.stiffness).min(quickness(&object.object)))
                 }
                 (None, Collider::Part(_)) => None,
             }
@@ -290,6 +298,7 @@ impl Contacts for Cell {
     fn wrenches(&mut self, motion: &Motion, closed: SocketSet) -> &[Twist; BODIES] {
         let Self { world, robot, neighbours, wrenches, reactions, fresh, touches, deepest, points, queries, .. } = self;
         *wrenches = UNLOADED;
+        self.resistances.fill(Resistance::NONE);
         *fresh = true;
         reactions.fill((Vector3::zeros(), Vector3::zeros()));
         touches.clear();
@@ -324,8 +333,12 @@ impl Contacts for Cell {
             }
             let origin = |body: usize| motion.bodies[body].position;
             add(&mut wrenches[link.body], &about(&loads.on_first, &link.at, &origin(link.body)));
+            join(&mut self.resistances[link.body], &loads.resistance);
             match (&other, second) {
-                (Some(o), _) => add(&mut wrenches[o.body], &about(&loads.on_second, &o.at, &origin(o.body))),
+                (Some(o), _) => {
+                    add(&mut wrenches[o.body], &about(&loads.on_second, &o.at, &origin(o.body)));
+                    join(&mut self.resistances[o.body], &loads.resistance);
+                }
                 (None, Collider::Object(o)) => add(&mut reactions[o], &loads.on_second),
                 (None, Collider::Part(_)) => {}
             }
@@ -346,6 +359,19 @@ impl Contacts for Cell {
             }
         }
         wrenches
+    }
+
+    fn resistances(&mut self, motion: &Motion) -> Option<&[Resistance; BODIES]> {
+        if self.loose {
+            return None;
+        }
+        for (resistance, body) in self.resistances.iter_mut().zip(&motion.bodies) {
+            if *resistance != Resistance::NONE {
+                resistance.stiffness = moved(&resistance.stiffness, &body.position);
+                resistance.damping = moved(&resistance.damping, &body.position);
+            }
+        }
+        Some(&self.resistances)
     }
 
     fn touches(&self) -> &[Touch] {

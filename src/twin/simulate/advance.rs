@@ -24,6 +24,8 @@ const CONTACT_PAUSE: f64 = 0.05;
 const STEP_ERROR: f64 = 2e-6;
 const SLOWEST: f64 = 0.3;
 const FASTEST: f64 = 2.0;
+/// Multiple of that error above which a step with contacts is refused.
+const REFUSED: f64 = 8.0;
 
 /// A contact or stop, of which only the beginnings are events.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -45,15 +47,14 @@ impl Run<'_> {
             }
             h = self.touch(h);
             let t = self.twin.time();
-            if self.clamps.armed {
+            if self.clamps.armed || self.finest.is_some() {
                 self.twin.save(&mut self.checkpoint);
             }
             self.known = None;
-            self.twin.step(h, &self.torque)?;
-            self.report.steps += 1;
-            if self.twin.closed() != SocketSet::ALL {
-                self.set_pace(h);
+            if !self.try_step(h)? {
+                continue;
             }
+            self.report.steps += 1;
             if end - self.twin.time() <= INSTANT {
                 self.twin.set_time(end);
             }
@@ -61,12 +62,43 @@ impl Run<'_> {
                 self.open_sockets(h)?;
             }
             self.watch_stops();
+            let done = self.twin.time() - t;
             if let Some(contacts) = &mut self.contacts {
-                contacts.advance(self.twin.time() - t, (self.twin.time() - t) / h);
+                let share = if self.finest.is_some() { 1.0 } else { done / h };
+                contacts.advance(done, share);
                 self.contact = self.twin.external_now();
+            }
+            if self.finest.is_some() {
+                self.note_touches(self.twin.time(), &self.twin.motion());
             }
         }
         Ok(())
+    }
+
+    /// Makes a step of `h` s; false if it is to be made again with a shorter one.
+    fn try_step(&mut self, h: f64) -> Result<bool, SingularPose> {
+        let made = self.step(h);
+        if self.twin.closed() == SocketSet::ALL {
+            return made.map(|()| true);
+        }
+        let error = if made.is_ok() { self.twin.step_error() } else { f64::INFINITY };
+        // Within a step a contact may begin, which its first stage cannot know.
+        let coarse = self.finest.is_some_and(|finest| h > finest) && (error.is_nan() || error > REFUSED * STEP_ERROR);
+        if coarse {
+            self.twin.restore(&self.checkpoint);
+        } else {
+            made?;
+        }
+        self.set_pace(h, error);
+        Ok(!coarse)
+    }
+
+    /// Advances the twin by `h` s, with the contacts as they are taken at present.
+    fn step(&mut self, h: f64) -> Result<(), SingularPose> {
+        match &mut self.contacts {
+            Some(contacts) if self.finest.is_some() => self.twin.step_touching(h, &self.torque, contacts.as_mut()),
+            _ => self.twin.step(h, &self.torque),
+        }
     }
 
     /// Longest step at present, s: the given one, or the [`pace`](Self::set_pace) of a broken robot, which has no
@@ -76,13 +108,14 @@ impl Run<'_> {
         if self.twin.closed() == SocketSet::ALL { given } else { self.pace.max(given) }
     }
 
-    /// Adapts the pace of a broken robot to the estimated error of its last step, of `h` s: never finer than the given
-    /// step, and at most a sample time.
-    fn set_pace(&mut self, h: f64) {
+    /// Adapts the pace of a broken robot to the estimated `error` of its last step, of `h` s: never finer than the given
+    /// step, or than contacts require, and at most a sample time.
+    fn set_pace(&mut self, h: f64, error: f64) {
         let given = self.period / self.options.substeps as f64;
         // The error is of the third power of the step.
-        let factor = (STEP_ERROR / self.twin.step_error().max(f64::MIN_POSITIVE)).cbrt();
-        self.pace = (h * factor.clamp(SLOWEST, FASTEST)).clamp(given, self.period);
+        let factor = (STEP_ERROR / error.max(f64::MIN_POSITIVE)).cbrt();
+        let finest = self.finest.map_or(given, |finest| finest.min(given));
+        self.pace = (h * factor.clamp(SLOWEST, FASTEST)).clamp(finest, self.period);
     }
 
     /// Stops a robot that has come to rest: what would go on is the creep of regularised friction.
@@ -105,11 +138,17 @@ impl Run<'_> {
         let Some(contacts) = &mut self.contacts else { return h };
         let motion = self.twin.motion();
         let closed = self.twin.closed();
+        self.finest = None;
         if !contacts.near(&motion, closed, h) && self.contact.iter().all(|w| *w == STILL) {
             self.twin.set_external(Load::NONE);
             return h;
         }
-        let n = (h / (self.options.contact_steps * contacts.longest_step())).ceil().max(1.0);
+        let longest = self.options.contact_steps * contacts.longest_step();
+        if closed != SocketSet::ALL && contacts.resistances(&motion).is_some() {
+            self.finest = Some(longest);
+            return h.min(self.pace.max(longest));
+        }
+        let n = (h / longest).ceil().max(1.0);
         let h = h / n;
         // Wrenches are linear up to their values at the end of the step, so that reactions are continuous in time.
         let ahead = extrapolated(&motion, h);
@@ -177,12 +216,12 @@ impl Run<'_> {
     fn open_sockets(&mut self, h: f64) -> Result<(), SingularPose> {
         let [_, after] = try_bisect([0.0, h], halvings(h, EVENT_TIME), |step| {
             self.twin.restore(&self.checkpoint);
-            self.twin.step(step, &self.torque)?;
+            self.step(step)?;
             Ok(self.weakest()? >= 0.0)
         })?;
         self.known = None;
         self.twin.restore(&self.checkpoint);
-        self.twin.step(after, &self.torque)?;
+        self.step(after)?;
         let t = self.twin.time();
         // Each open socket loads the others and removes the clamp force of its partner.
         loop {

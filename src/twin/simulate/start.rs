@@ -80,6 +80,7 @@ impl<'a> Run<'a> {
             rested: false,
             known: None,
             pace: model.sample_time / options.substeps as f64,
+            finest: None,
             work: Vec::new(),
             turned_over: 0.0,
             frames: 0,
