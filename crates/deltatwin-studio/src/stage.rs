@@ -328,7 +328,10 @@ pub(crate) fn add(task: &Task, job: &Job, effect: &str, laws: &[String]) -> miet
         significant(ratios.fold(0.0, f64::max), 3)
     };
     let (before, after) = (worst(&a.budget.rms_before), worst(a.budget.rms_after()));
-    let message = format!("With {effect} the worst channel falls from {before} to {after} times the noise.");
+    let message = match before == after {
+        true => format!("With {effect} the worst channel stays at {after} times the noise."),
+        false => format!("With {effect} the worst channel goes from {before} to {after} times the noise."),
+    };
     let next = task.session.versions.len();
     let mut result = task.result(true, message, version.command.clone());
     result.version = next;
