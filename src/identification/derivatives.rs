@@ -112,7 +112,7 @@ impl<'a> Angles<'a> {
     fn joined(&self, axis: impl Fn(usize) -> Vec<Smoothed> + Sync) -> Vec<Segment> {
         let mut segments: Vec<Segment> =
             self.stretches.iter().map(|s| (vec![JointState::default(); s.len()], 0)).collect();
-        by_pairs(axis, |i, smoothed| {
+        by_pairs(self.q.len() < LONG, axis, |i, smoothed| {
             for ((states, margin), own) in segments.iter_mut().zip(smoothed) {
                 *margin = (*margin).max(own.margin);
                 for (state, value) in states.iter_mut().zip(own.values) {
@@ -160,7 +160,7 @@ impl<'a> Angles<'a> {
             let rates = |s: &Smoothed| s.values.iter().map(|x| x[1] / self.dt).collect::<Vec<_>>();
             (all.iter().map(rates).collect(), self.finest_jump(i, all.iter().flat_map(|s| &s.values)))
         };
-        by_pairs(known, |i, known| (rates[i], finest[i]) = known);
+        by_pairs(self.q.len() < LONG, known, |i, known| (rates[i], finest[i]) = known);
         let turning = |ringing: f64| -> Vec<Vec<bool>> {
             let of = |s: usize| turns(&std::array::from_fn(|i| rates[i][s].as_slice()), self.dt, ringing);
             (0..self.stretches.len()).map(of).collect()
@@ -194,14 +194,20 @@ impl<'a> Angles<'a> {
 /// Joint states of all samples of a segment, and the number of samples at either end that are not accurate enough.
 type Segment = (Vec<JointState>, usize);
 
-/// Passes the results of all axes to `take`, made two at a time: of a long recording each is large.
-fn by_pairs<T: Send>(one: impl Fn(usize) -> T + Sync, mut take: impl FnMut(usize, T)) {
+/// Passes the results of all axes to `take`, made two at a time; one at a time if not `paired`.
+fn by_pairs<T: Send>(paired: bool, one: impl Fn(usize) -> T + Sync, mut take: impl FnMut(usize, T)) {
+    if !paired {
+        return (0..AXES).for_each(|i| take(i, one(i)));
+    }
     for i in (0..AXES).step_by(2) {
         let (first, second) = rayon::join(|| one(i), || one(i + 1));
         take(i, first);
         take(i + 1, second);
     }
 }
+
+/// Number of samples from which the axes are differentiated one at a time, because each needs much memory.
+const LONG: usize = 1_000_000;
 
 /// Derivatives by the method of the paper.
 fn paper(x: &[f64]) -> Smoothed {

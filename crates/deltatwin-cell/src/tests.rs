@@ -270,6 +270,62 @@ fn at_rest_the_table_carries_the_weight_at_the_penetration_of_the_law() {
 }
 
 #[test]
+fn resistances_are_the_differences_of_the_wrenches() {
+    // A strut on the table, 0.1 mm deep at both ends, rolled about its axis; 20 N at each.
+    let mut cell = cell(&[table()]);
+    let mut motion = scattered();
+    dropped(-1e-4).show(&mut motion);
+    motion.bodies[STRUT].rotation = *Rotation3::from_axis_angle(&Vector3::x_axis(), 0.4).matrix();
+    assert!(cell.resistances(&motion).is_none(), "not asked yet what is near");
+    assert!(cell.near(&motion, SocketSet::ALL, 1e-3));
+    let mut wrench = |change: &dyn Fn(&mut BodyMotion)| {
+        let mut moved = motion;
+        change(&mut moved.bodies[STRUT]);
+        let (force, moment) = cell.wrenches(&moved, SocketSet::ALL)[STRUT];
+        [force, moment]
+    };
+    let (small, unit) = (1e-8, |k: usize| Vector3::ith(k % 3, 1.0));
+    let [mut stiffness, mut damping] = [[[0.0; 6]; 6]; 2];
+    for k in 0..6 {
+        let shifted = |sign: f64| {
+            move |b: &mut BodyMotion| match k {
+                0..3 => b.position += unit(k) * (sign * small),
+                _ => b.rotation = Rotation3::from_scaled_axis(unit(k) * (sign * small)).into_inner() * b.rotation,
+            }
+        };
+        let quickened = |sign: f64| {
+            move |b: &mut BodyMotion| match k {
+                0..3 => b.velocity += unit(k) * (sign * small),
+                _ => b.angular_velocity += unit(k) * (sign * small),
+            }
+        };
+        let [up, down, faster, slower] =
+            [wrench(&shifted(1.0)), wrench(&shifted(-1.0)), wrench(&quickened(1.0)), wrench(&quickened(-1.0))];
+        for i in 0..6 {
+            stiffness[i][k] = (down[i / 3][i % 3] - up[i / 3][i % 3]) / (2.0 * small);
+            damping[i][k] = (slower[i / 3][i % 3] - faster[i / 3][i % 3]) / (2.0 * small);
+        }
+    }
+    wrench(&|_| ());
+    let known = cell.resistances(&motion).expect("nothing near moves")[STRUT];
+    // Displacements also turn the lever arms and slide the points of contact along the strut: 20 N per metre or radian,
+    // beside 4e5 N/m.
+    for (got, want, size) in [(known.stiffness, stiffness, 4e5), (known.damping, damping, 1.2e3)] {
+        for (i, k) in (0..6).flat_map(|i| (0..6).map(move |k| (i, k))) {
+            let gap = (got[i][k] - want[i][k]).abs();
+            assert!(gap < 1e-3 * size, "row {i}, column {k}: {} instead of {}", got[i][k], want[i][k]);
+        }
+    }
+    assert!(stiffness[2][2] > 3.9e5 && damping[0][0] > 1.1e3, "{stiffness:?} {damping:?}");
+    // Beside a product, which moves, nothing is taken implicitly.
+    let parcel = object("parcel", cuboid(0.1, 0.1, 0.1), Mobility::Free { mass: 0.2 }, [-0.2, 0.0, TABLE_TOP + 0.07]);
+    let mut cell = self::cell(&[table(), parcel]);
+    assert!(cell.near(&motion, SocketSet::ALL, 1e-2));
+    cell.wrenches(&motion, SocketSet::ALL);
+    assert!(cell.resistances(&motion).is_none());
+}
+
+#[test]
 fn work_around_a_closed_path_in_contact_is_zero() {
     // Without dissipation and friction the law is elastic; the path moves the strut's end over edge and corner, 0.1 mm
     // deep. The work of the fading at edges must be less than that of friction with a coefficient of 0.01.

@@ -153,12 +153,19 @@ impl Layout {
         &self.headers[column].text
     }
 
-    /// Table of the channels, in file order; `t` is already in seconds.
-    pub fn apply(&self, t: Vec<f64>, columns: &[Vec<f64>], rows: Vec<u64>, into: Frame) -> Table {
-        let channels = || self.channels.iter().filter(|(name, _)| name != "t");
-        let delays: Vec<f64> = channels().map(|(_, s)| s.delay).collect();
-        let mut found: Vec<Column> =
-            channels().map(|(name, s)| Column { name: name.clone(), values: affine(&columns[s.column], s) }).collect();
+    /// Table of the channels, in file order; `t` is already in seconds. A column is moved into the last channel that it
+    /// is the source of, so that a long recording is not held twice.
+    pub fn apply(&self, t: Vec<f64>, mut columns: Vec<Vec<f64>>, rows: Vec<u64>, into: Frame) -> Table {
+        let channels: Vec<_> = self.channels.iter().filter(|(name, _)| name != "t").collect();
+        let delays: Vec<f64> = channels.iter().map(|(_, s)| s.delay).collect();
+        let mut found = Vec::with_capacity(channels.len());
+        for (k, (name, s)) in channels.iter().enumerate() {
+            let again = channels[k + 1..].iter().any(|(_, other)| other.column == s.column);
+            let column = &mut columns[s.column];
+            let values = if again { column.clone() } else { std::mem::take(column) };
+            found.push(Column { name: name.clone(), values: affine(values, s) });
+        }
+        drop(columns);
         let (mut t, mut rows) = (t, rows);
         if delays.iter().any(|d| *d != 0.0) {
             delay::remove(&mut t, &mut rows, &mut found, &delays);
@@ -190,16 +197,16 @@ pub(super) fn remap(table: Table, how: &Reading) -> Result<(Table, Vec<String>),
     if let Some(ratio) = how.gear_ratio {
         layout.behind_gear(ratio);
     }
-    let t = layout.channels.iter().find(|(name, _)| name == "t").map(|(_, s)| affine(&values[s.column], s));
-    let table = layout.apply(t.unwrap_or_default(), &values, rows, Frame { file: &file, row, machine });
+    let t = layout.channels.iter().find(|(name, _)| name == "t").map(|(_, s)| affine(values[s.column].clone(), s));
+    let table = layout.apply(t.unwrap_or_default(), values, rows, Frame { file: &file, row, machine });
     Ok((table, layout.notes))
 }
 
-fn affine(values: &[f64], s: &Source) -> Vec<f64> {
-    if (s.factor, s.offset) == (1.0, 0.0) {
-        return values.to_vec();
+fn affine(mut values: Vec<f64>, s: &Source) -> Vec<f64> {
+    if (s.factor, s.offset) != (1.0, 0.0) {
+        values.iter_mut().for_each(|v| *v = s.factor * *v + s.offset);
     }
-    values.iter().map(|v| s.factor * v + s.offset).collect()
+    values
 }
 
 /// The channel inferred for each column from its name; a motor current without a unit gets that of ampere.
