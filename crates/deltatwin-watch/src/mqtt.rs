@@ -105,8 +105,31 @@ pub enum Report {
     Lost(String),
 }
 
-/// Messages published recently, with their topics and times.
-type Recent = Arc<Mutex<VecDeque<(Instant, String, Vec<u8>)>>>;
+/// Messages published recently.
+#[derive(Default)]
+struct Recent {
+    /// Time, topic and payload, the oldest first.
+    messages: VecDeque<(Instant, String, Vec<u8>)>,
+    /// Time since which there is no connection.
+    lost: Option<Instant>,
+}
+
+impl Recent {
+    /// Adds a message, and forgets those older than [`REPEATED`]: no message grows old while there is no connection.
+    fn add(&mut self, now: Instant, topic: &str, payload: &[u8]) {
+        let present = self.lost.unwrap_or(now);
+        while self.messages.front().is_some_and(|(at, _, _)| present.saturating_duration_since(*at) > REPEATED) {
+            self.messages.pop_front();
+        }
+        self.messages.push_back((now, topic.into(), payload.into()));
+    }
+
+    /// Topics and payloads to send again after a reconnection.
+    fn repeat(&mut self) -> VecDeque<(String, Vec<u8>)> {
+        self.lost = None;
+        self.messages.iter().map(|(_, topic, payload)| (topic.clone(), payload.clone())).collect()
+    }
+}
 
 /// A connection that is restored by itself.
 pub struct Link {
@@ -114,7 +137,7 @@ pub struct Link {
     reports: Receiver<Report>,
     ending: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
-    recent: Recent,
+    recent: Arc<Mutex<Recent>>,
 }
 
 impl Link {
@@ -133,7 +156,7 @@ impl Link {
         }
         let (client, connection) = Client::builder(options).capacity(QUEUE).build();
         let (sender, reports) = sync_channel(QUEUE);
-        let (ending, recent) = (Arc::new(AtomicBool::new(false)), Recent::default());
+        let (ending, recent) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(Recent::default())));
         let work = Work {
             client: client.clone(),
             topic: topic.map(String::from),
@@ -180,14 +203,7 @@ impl Link {
     /// [`MqttError::Topic`] or [`MqttError::Ended`].
     pub fn publish(&self, topic: &str, payload: Vec<u8>) -> Result<(), MqttError> {
         check_topic(topic)?;
-        {
-            let mut recent = self.recent.lock().unwrap_or_else(PoisonError::into_inner);
-            let now = Instant::now();
-            while recent.front().is_some_and(|(at, _, _)| now.duration_since(*at) > REPEATED) {
-                recent.pop_front();
-            }
-            recent.push_back((now, topic.into(), payload.clone()));
-        }
+        lock(&self.recent).add(Instant::now(), topic, &payload);
         let options = PublishOptions::new(QoS::AtLeastOnce);
         self.client.publish(topic, payload, options).map_err(|_| MqttError::Ended)
     }
@@ -244,7 +260,7 @@ struct Work {
     topic: Option<String>,
     sender: SyncSender<Report>,
     ending: Arc<AtomicBool>,
-    recent: Recent,
+    recent: Arc<Mutex<Recent>>,
 }
 
 impl Work {
@@ -261,7 +277,7 @@ impl Work {
                         self.client.try_subscribe(topic.as_str(), QoS::AtLeastOnce).ok();
                     }
                     if !std::mem::take(&mut is_first) {
-                        repeated = self.recent();
+                        repeated = lock(&self.recent).repeat();
                     }
                     Some(Report::Connected)
                 }
@@ -270,6 +286,7 @@ impl Work {
                 Err(_) => break,
                 Ok(Err(_)) if self.ending.load(Ordering::Relaxed) => break,
                 Ok(Err(e)) => {
+                    lock(&self.recent).lost.get_or_insert_with(Instant::now);
                     std::thread::sleep(RETRY);
                     Some(Report::Lost(e.to_string()))
                 }
@@ -289,16 +306,30 @@ impl Work {
             }
         }
     }
+}
 
-    fn recent(&self) -> VecDeque<(String, Vec<u8>)> {
-        let recent = self.recent.lock().unwrap_or_else(PoisonError::into_inner);
-        recent.iter().map(|(_, topic, payload)| (topic.clone(), payload.clone())).collect()
-    }
+fn lock(recent: &Mutex<Recent>) -> std::sync::MutexGuard<'_, Recent> {
+    recent.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn messages_do_not_grow_old_without_a_connection() {
+        let start = Instant::now();
+        let at = |seconds: u64| start + Duration::from_secs(seconds);
+        let mut recent = Recent::default();
+        [0, 2, 4].into_iter().for_each(|s| recent.add(at(s), "robot", &[s as u8]));
+        assert_eq!(recent.messages.len(), 2);
+        recent.lost = Some(at(4));
+        recent.add(at(30), "robot", &[30]);
+        let payloads: Vec<u8> = recent.repeat().into_iter().map(|(_, payload)| payload[0]).collect();
+        assert_eq!(payloads, [2, 4, 30]);
+        recent.add(at(31), "robot", &[31]);
+        assert_eq!(recent.repeat().len(), 2);
+    }
 
     #[test]
     fn addresses() {
