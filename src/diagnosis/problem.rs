@@ -40,7 +40,8 @@ const WORTH_CARING: f64 = 0.3;
 /// RMS contribution of an effect of usual magnitude on a lone axis, relative to the measured torque or force.
 const USUAL_SHARE: f64 = 0.1;
 
-/// Turns of the motor from which a law of its angle differs from gravity and springs by at least two periods.
+/// Least number of motor turns in the travel: two periods of order one are told from gravity and springs, which vary over
+/// the whole travel.
 const LEAST_TURNS: f64 = 2.0;
 
 /// Largest sampling period, s, at which the ringing of elastic gears above 10 Hz is resolved.

@@ -186,11 +186,6 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Whether the start has active consistency constraints that are treated separately.
-    fn is_held(&self) -> bool {
-        self.edges == Edges::Apart && !self.start.fit.edges.is_empty()
-    }
-
     /// Whether the start has active consistency constraints, by which its linearisation differs from that of a fit with
     /// the right effect.
     fn is_bounded(&self) -> bool {
@@ -241,7 +236,8 @@ impl<'a> Search<'a> {
                 String::new()
             })
         };
-        let is_held = self.is_held() || self.is_bounded() && !is_nonlinear(&self.start.fit.model);
+        // With a linear model the constraints make the linearisation, together as well as apart.
+        let is_held = self.is_bounded() && (self.edges == Edges::Apart || !is_nonlinear(&self.start.fit.model));
         let outcome = evidence::select_with(&stated, &self.settings, &|| fitting.is_late(), refit, is_held);
         self.all = all;
         fitting.count_rankings(outcome.as_ref().map_or(rankings, |o| o.rankings));
