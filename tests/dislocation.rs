@@ -2,8 +2,6 @@
 
 use crate::common;
 
-use std::path::Path;
-
 use common::{model, nominal_plant, reversing, with_effect};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::kinematics::motion::SOCKETS;
@@ -434,7 +432,7 @@ record = ["ee", "sockets"]
 
 #[test]
 fn a_broken_robot_stays_within_its_hard_stops() {
-    let scenario = scenario::parse(COAST, Path::new("scenarios/coast.toml")).unwrap();
+    let scenario = scenario::parse(COAST, &crate::common::shipped("scenarios/coast.toml")).unwrap();
     let machine = model::read(&scenario.model).unwrap();
     let options = Options { frames: Some(0.002), ..touching(&scenario, &machine) };
     let worst = |machine: &Model| {
@@ -470,7 +468,7 @@ fn a_broken_robot_stays_within_its_hard_stops() {
 // Shipped scenarios.
 
 fn scenario(name: &str) -> Scenario {
-    scenario::read(Path::new(&format!("scenarios/{name}.toml"))).unwrap()
+    scenario::read(&crate::common::shipped(&format!("scenarios/{name}.toml"))).unwrap()
 }
 
 fn play(scenario: &Scenario, options: &Options) -> Report {

@@ -16,7 +16,7 @@ use proptest::prelude::*;
 const NAME: &str = "robot.toml";
 
 fn folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("models")
+    crate::common::shipped("models")
 }
 
 fn shipped() -> Vec<PathBuf> {
@@ -379,7 +379,7 @@ fn broken_toml_and_missing_files_are_reported() {
     assert_says(&refused("arm_length = 0.500", "arm_length = = 0.500"), &["not valid TOML"]);
     let m = refused("arm_length = 0.500", "arm_length = 0.500\narm_length = 0.7");
     assert_says(&m, &["not valid TOML", "duplicate"]);
-    let missing = model::read(Path::new("models/none.toml")).err().unwrap();
+    let missing = model::read(&crate::common::shipped("models/none.toml")).err().unwrap();
     assert_says(&format!("{missing:?}"), &["models/none.toml", "cannot read"]);
 }
 

@@ -1,11 +1,11 @@
 use super::*;
 use crate::dynamics::inverse_dynamics;
 use crate::machine::AXES;
-use crate::model::testing::shipped;
+use crate::model::testing::irb360;
 use crate::numerics::median;
 
 fn model() -> Model {
-    shipped("irb360-6-1600")
+    irb360()
 }
 
 fn quick() -> Options {

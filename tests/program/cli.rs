@@ -72,9 +72,9 @@ fn a_scenario_names_files_of_its_project_unless_more_is_allowed() {
          key = \"speed_scale\"\nlevels = [0.5]\n",
     )
     .unwrap();
-    let cases: [&[&str]; 4] =
-        [&["check", &scenario], &["check", &study], &["simulate", &scenario], &["study", &study, "--run", "0"]];
-    for arguments in cases {
+    let cases: [&[&str]; 3] = [&["check", &scenario], &["check", &study], &["simulate", &scenario]];
+    let run: [&str; 4] = ["study", &study, "--run", "0"];
+    for arguments in cases.into_iter().chain(cfg!(feature = "studies").then_some(&run[..])) {
         let said = refused(arguments);
         assert!(said.contains(model) && said.contains("is outside of") && said.contains("--allow-outside"), "{said}");
     }
@@ -110,29 +110,26 @@ fn noise_at_rest_and_from_differences_agree() {
 fn every_command_explains_itself_with_an_example() {
     common::at_root();
     let top = done(&["--help"]);
-    for command in [
-        "demo",
-        "run",
-        "reproduce",
-        "simulate",
-        "import",
-        "export",
-        "excite",
-        "identify",
-        "compare",
-        "diagnose",
-        "add",
-        "effects",
-        "forces",
-        "plan",
-        "check",
-        "completions",
-        "man",
-    ] {
-        assert!(top.contains(&format!("  {command} ")), "{command} is missing in\n{top}");
+    let list = top.split("Commands:").nth(1).and_then(|t| t.split("Options:").next()).expect("a list of commands");
+    let commands: Vec<&str> =
+        list.lines().filter_map(|l| l.split_whitespace().next()).filter(|c| *c != "help").collect();
+    assert!(commands.len() >= 19, "{commands:?}");
+    for command in commands {
         let help = done(&[command, "--help"]);
         let example = ["Example", "Examples"].iter().any(|e| help.contains(&format!("{e}: deltatwin {command}")));
         assert!(example && help.contains("--json"), "{help}");
+    }
+    for (command, feature, built) in [
+        ("reproduce", "reproduce", cfg!(feature = "reproduce")),
+        ("exam", "studies", cfg!(feature = "studies")),
+        ("study", "studies", cfg!(feature = "studies")),
+        ("studio", "studio", cfg!(feature = "studio")),
+        ("watch", "watch", cfg!(feature = "watch")),
+    ] {
+        match built {
+            true => assert!(top.contains(&format!("  {command} ")), "{command} is missing in\n{top}"),
+            false => assert!(refused(&[command]).contains(&format!("--features {feature} -- {command}"))),
+        }
     }
     refused(&["simulat", SMOKE]);
     refused(&["simulate"]);
@@ -322,10 +319,10 @@ fn export_and_import_lose_nothing() {
 }
 
 #[test]
-fn robots_and_tables_for_other_programs() {
+fn robots_for_other_programs() {
     common::at_root();
     let folder = TempDir::new().unwrap();
-    let [xml, urdf, mcap, table] = ["a.xml", "a.urdf", "a.mcap", "a.parquet"].map(|n| path(&folder, n));
+    let [xml, urdf] = ["a.xml", "a.urdf"].map(|n| path(&folder, n));
     let said = done(&["export", MODEL, "-o", &xml]);
     assert!(said.contains("14 links of 9.553 kg, 6 ball sockets"), "{said}");
     done(&["export", MODEL, "-o", &urdf]);
@@ -336,6 +333,14 @@ fn robots_and_tables_for_other_programs() {
     done(&["export", MODEL, "-o", &xml, "--force"]);
     refused(&["export", "models/servo-axis.toml", "-o", &path(&folder, "b.xml")]);
     refused(&["export", MODEL, "-o", &path(&folder, "b.csv")]);
+}
+
+#[cfg(feature = "studies")]
+#[test]
+fn recordings_as_parquet() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let [mcap, table] = ["a.mcap", "a.parquet"].map(|n| path(&folder, n));
     done(&["simulate", SMOKE, "-o", &mcap]);
     done(&["export", &mcap, "-o", &table]);
     let table = deltatwin_study::campaign::parquet::Reader::open(Path::new(&table)).unwrap();

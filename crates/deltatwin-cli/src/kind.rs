@@ -16,8 +16,6 @@ use deltatwin_io::outside::Access;
 use deltatwin_io::recording::setup;
 use deltatwin_io::recording::{self, Reading};
 use deltatwin_io::{model, scenario, study};
-use deltatwin_study::conduct::Conduct;
-use deltatwin_validation::exam::experiment::Experiments;
 
 /// A valid file.
 #[derive(Clone, Debug)]
@@ -74,21 +72,30 @@ fn scenario(path: &Path, access: Access) -> miette::Result<String> {
 
 fn study(path: &Path, access: Access) -> miette::Result<String> {
     let study = study::read(path, access)?;
+    let names: Vec<&str> = study.factors.iter().map(|f| f.name.as_str()).collect();
+    let scenario = study.scenario().file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let what = format!("{} of {} on {scenario}", study.design.name(), names.join(", "));
+    rows(study, what)
+}
+
+/// Summary of a study that may run: `what` it is, with the number of its rows.
+#[cfg(feature = "studies")]
+fn rows(study: study::Study, what: String) -> miette::Result<String> {
+    use deltatwin_study::conduct::Conduct;
+    use deltatwin_validation::exam::experiment::Experiments;
     if study.experiment.is_some() {
         let experiments = Experiments::new(study, Path::new(""))?;
         return Ok(format!("experiments of the diagnosis, {} of them.", experiments.runs()));
     }
     let conduct = Conduct::new(study, Path::new(""))?;
-    let study = &conduct.study;
-    let names: Vec<&str> = study.factors.iter().map(|f| f.name.as_str()).collect();
     let most = if conduct.is_search() { "at most " } else { "" };
-    Ok(format!(
-        "{} of {} on {}, {most}{} rows; every factor fits at both ends of its range.",
-        study.design.name(),
-        names.join(", "),
-        study.scenario().file_name().unwrap_or_default().to_string_lossy(),
-        conduct.runs(),
-    ))
+    Ok(format!("{what}, {most}{} rows; every factor fits at both ends of its range.", conduct.runs()))
+}
+
+/// Summary of a study whose runs this build leaves out.
+#[cfg(not(feature = "studies"))]
+fn rows(_: study::Study, what: String) -> miette::Result<String> {
+    Ok(format!("{what}; its factors are checked by a build with `--features studies`."))
 }
 
 fn planned_path(path: &Path, access: Access) -> miette::Result<String> {

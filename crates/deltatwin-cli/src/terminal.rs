@@ -23,7 +23,7 @@ mod bars;
 mod text;
 
 pub use bars::error_bars;
-pub use deltatwin_analysis::json::{estimates, insert_channels, path, paths};
+pub use deltatwin_analysis::json::{estimates, insert_channels, path};
 use text::FIRM;
 use text::harmless;
 pub use text::{WIDTH, command, grouped, hanging, wrapped};

@@ -3,12 +3,10 @@
 pub mod export;
 pub mod import;
 
-use std::io;
 use std::path::Path;
 
 use deltatwin::machine::Mechanism;
 use deltatwin::recording::Recording;
-use deltatwin_io::file;
 use miette::IntoDiagnostic;
 use serde_json::json;
 
@@ -44,12 +42,25 @@ fn convert(from: &Path, how: &Reading, to: &Path, extensions: &[&str], as_json: 
 /// Writes a recording in the format of the name `to`.
 fn write(recording: &Recording, to: &Path) -> miette::Result<()> {
     if is_parquet(to) {
-        let table = |out: &mut io::BufWriter<&std::fs::File>| {
-            deltatwin_study::recording::write(recording, out).map_err(io::Error::other)
-        };
-        return file::replace(to, table).into_diagnostic();
+        return write_parquet(recording, to);
     }
     recording::write(recording, to).into_diagnostic()
+}
+
+#[cfg(feature = "studies")]
+fn write_parquet(recording: &Recording, to: &Path) -> miette::Result<()> {
+    let table = |out: &mut std::io::BufWriter<&std::fs::File>| {
+        deltatwin_study::recording::write(recording, out).map_err(std::io::Error::other)
+    };
+    deltatwin_io::file::replace(to, table).into_diagnostic()
+}
+
+#[cfg(not(feature = "studies"))]
+fn write_parquet(_: &Recording, to: &Path) -> miette::Result<()> {
+    Err(miette::miette!(
+        "{}: this build leaves Parquet out; expected .csv, or a build with `--features studies`",
+        to.display()
+    ))
 }
 
 fn is_parquet(file: &Path) -> bool {

@@ -171,6 +171,9 @@ fn print(campaign: &Campaign, findings: &Findings, files: &[PathBuf]) {
     for f in files {
         tell!("  {}", f.display());
     }
+    if let Some(how) = super::VIEWER {
+        tell!("\nTo {how}.");
+    }
 }
 
 fn summary(args: &Args, campaign: &Campaign, findings: &Findings, files: &[PathBuf]) -> serde_json::Value {

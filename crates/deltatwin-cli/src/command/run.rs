@@ -148,5 +148,8 @@ fn print_files(files: &[PathBuf], args: &Args) -> miette::Result<u8> {
     say(format!("    open {} in a browser", text(&args.output.join(folder::PAGE))))?;
     say(command(&compare, 4))?;
     say(command(&[details, vec!["--verbose".into()]].concat(), 4))?;
+    if let Some(how) = super::VIEWER {
+        say(format!("    {how}"))?;
+    }
     Ok(DONE)
 }

@@ -4,8 +4,9 @@ use serde_json::{Value, json};
 
 use super::pictures::{self, Shown, importance};
 use super::{Args, COMPLETE, STOPPED, command};
-use crate::terminal::{Table, complain, path, paths, say, wrapped};
+use crate::terminal::{Table, complain, path, say, wrapped};
 use deltatwin::text::significant;
+use deltatwin_analysis::json::paths;
 use deltatwin_io::study::Factor;
 use deltatwin_study::campaign::Chunk;
 use deltatwin_study::conduct::{Conduct, Diagnosed, Summary};
