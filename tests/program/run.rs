@@ -120,3 +120,30 @@ fn a_wrong_recording_stops_the_run() {
     assert!(message.contains("Nothing was fitted") && message.contains("remedy: --map"), "{message}");
     assert!(!Path::new(&results).exists());
 }
+
+/// Held-out recordings are compared with the fitted ones by every command that judges with them.
+#[test]
+fn a_held_out_recording_of_the_dismounted_robot_is_refused() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let [path, apart, output] =
+        ["path.mcap", "disassembled.mcap", "out.toml"].map(|n| folder.path().join(n).display().to_string());
+    for (scenario, file) in [("path", &path), ("disassembled", &apart)] {
+        let done = run(&["simulate", &format!("scenarios/{scenario}.toml"), "-o", file]);
+        assert_eq!(done.status.code(), Some(0), "{}", String::from_utf8_lossy(&done.stderr));
+    }
+    let model = "models/irb360-6-1600.toml";
+    for words in [
+        &["diagnose", model, &path][..],
+        &["run", model, &path, "-o", &folder.path().join("results").display().to_string()],
+        &["identify", model, &path],
+        &["compare", model, &path],
+        &["add", model, "air_drag", &path, "-o", &output],
+    ] {
+        let out = run(&[words, &["--held-out", &apart]].concat());
+        let said = String::from_utf8_lossy(&out.stderr);
+        assert_eq!(out.status.code(), Some(2), "{words:?}: {said}");
+        let named = ["path.mcap", "disassembled.mcap", "expected one configuration"];
+        assert!(named.iter().all(|what| said.contains(what)), "{words:?}: {said}");
+    }
+}
