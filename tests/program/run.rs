@@ -143,7 +143,7 @@ fn a_held_out_recording_of_the_dismounted_robot_is_refused() {
         let out = run(&[words, &["--held-out", &apart]].concat());
         let said = String::from_utf8_lossy(&out.stderr);
         assert_eq!(out.status.code(), Some(2), "{words:?}: {said}");
-        let named = ["path.mcap", "disassembled.mcap", "expected one configuration"];
+        let named = ["recordings path and disassembled", "expected one configuration"];
         assert!(named.iter().all(|what| said.contains(what)), "{words:?}: {said}");
     }
 }
