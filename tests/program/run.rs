@@ -147,3 +147,20 @@ fn a_held_out_recording_of_the_dismounted_robot_is_refused() {
         assert!(named.iter().all(|what| said.contains(what)), "{words:?}: {said}");
     }
 }
+
+/// That nothing was found before the time was up is not the answer that nothing is missing.
+#[test]
+fn a_diagnosis_whose_time_is_up_is_undecided() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let (csv, _) = recorded(&folder);
+    let out = run(&["diagnose", AXIS, &csv, "--time-limit", "0.01"]);
+    let text = String::from_utf8_lossy(&out.stdout);
+    assert_eq!(out.status.code(), Some(1), "{text}");
+    assert!(text.starts_with("Undecided: the time was up") && text.contains("--time-limit 0.04"), "{text}");
+    let out = run(&["diagnose", AXIS, &csv, "--time-limit", "0.01", "--json"]);
+    let answer: Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!((out.status.code(), &answer["verdict"]), (Some(1), &"undecided".into()), "{answer}");
+    assert!(answer["sentence"].as_str().unwrap().contains("the time was up"), "{}", answer["sentence"]);
+    assert!(!answer["not_tried"].as_array().unwrap().is_empty(), "{answer}");
+}
