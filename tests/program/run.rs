@@ -164,3 +164,30 @@ fn a_diagnosis_whose_time_is_up_is_undecided() {
     assert!(answer["sentence"].as_str().unwrap().contains("the time was up"), "{}", answer["sentence"]);
     assert!(!answer["not_tried"].as_array().unwrap().is_empty(), "{answer}");
 }
+
+/// A folder that cannot be made is refused before anything is read.
+#[test]
+fn a_folder_that_cannot_be_made_is_refused_at_once() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let file = folder.path().join("file");
+    std::fs::write(&file, "").unwrap();
+    let inside = file.join("results").display().to_string();
+    let out = run(&["run", AXIS, "no-such-recording.csv", "-o", &inside]);
+    let said = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(2), "{said}");
+    assert!(said.contains(&inside) && said.contains("cannot be written") && !said.contains("no-such"), "{said}");
+}
+
+/// A complete recording takes the place of what killed runs left on the way to it.
+#[test]
+fn a_complete_recording_clears_the_parts_of_killed_runs() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let left = ["axis.partial.csv", "axis.partial.setup.toml", "axis.partial-3.csv"].map(|n| folder.path().join(n));
+    left.iter().for_each(|file| std::fs::write(file, "half").unwrap());
+    let other = folder.path().join("other.partial.csv");
+    std::fs::write(&other, "half").unwrap();
+    recorded(&folder);
+    assert!(left.iter().all(|file| !file.exists()) && other.exists());
+}
