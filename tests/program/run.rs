@@ -191,3 +191,30 @@ fn a_complete_recording_clears_the_parts_of_killed_runs() {
     recorded(&folder);
     assert!(left.iter().all(|file| !file.exists()) && other.exists());
 }
+
+/// Where the time is up before the question is answered, the answer says so and has all its files.
+#[test]
+fn a_run_whose_time_is_up_delivers_what_it_has() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let (csv, results) = recorded(&folder);
+    let at = |name: &str| Path::new(&results).join(name);
+    // What a killed run left in the folder; another file stays.
+    std::fs::create_dir(&results).unwrap();
+    std::fs::write(at(".writing-aB3xyZ"), "half").unwrap();
+    std::fs::write(at("notes.txt"), "mine").unwrap();
+    let out = run(&["run", AXIS, &csv, "-o", &results, "--time-limit", "0.01", "--json"]);
+    let said = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(1), "{said}");
+    assert!(said.contains("the time was up; cut short:") && said.contains("diagnose, which did not try"), "{said}");
+    let result: Value = serde_json::from_slice(&out.stdout).unwrap();
+    let kept: Value = serde_json::from_str(&std::fs::read_to_string(at("result.json")).unwrap()).unwrap();
+    assert_eq!(kept, result);
+    assert!(result["cut"].as_array().unwrap().contains(&"diagnose".into()), "{}", result["cut"]);
+    let diagnosis = &result["stages"]["diagnose"];
+    assert_eq!(diagnosis["verdict"], "undecided");
+    assert!(diagnosis["sentence"].as_str().unwrap().contains("the time was up"), "{}", diagnosis["sentence"]);
+    let page = std::fs::read_to_string(at("report.html")).unwrap();
+    assert!(page.contains("the time was up") && at("model.toml").is_file() && at("identified.toml").is_file());
+    assert!(!at(".writing-aB3xyZ").exists() && at("notes.txt").exists());
+}

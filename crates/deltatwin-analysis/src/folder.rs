@@ -132,6 +132,7 @@ pub fn result(analysis: &Analysis, origin: &Origin) -> Value {
     object.insert("inputs".into(), origin.inputs.iter().map(Input::json).collect());
     object.insert("warnings".into(), origin.warnings.iter().chain(&analysis.warnings).map(|w| json!(w)).collect());
     object.insert("zeros".into(), analysis.zeros.iter().map(Joined::json).collect());
+    object.insert("cut".into(), analysis.cut.iter().map(|stage| json!(stage.to_string())).collect());
     let d = &analysis.diagnosis;
     let (fitted, model) = (Path::new(IDENTIFIED), Path::new(MODEL));
     let stages = json!({

@@ -7,6 +7,7 @@ pub mod time;
 mod unexplained;
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use self::time::Allowance;
 use miette::{IntoDiagnostic, WrapErr};
@@ -70,6 +71,7 @@ fn positive(text: &str) -> Result<f64, String> {
 
 /// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
+    let begun = Instant::now();
     let model = model::read(&args.model)?;
     if let Some(output) = &args.output {
         let given = args.data.inputs();
@@ -90,7 +92,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     guard(&model, &data, &args.data)?;
     let progress = spinner("diagnose");
     let samples: usize = data.datasets.iter().chain(&data.held_out).map(Dataset::len).sum();
-    let allowance = Allowance::new(args.time_limit, samples);
+    let allowance = Allowance::new(begun, args.time_limit, samples);
     catch_interrupt()?;
     let clock = || allowance.passed();
     let options = Options { fixed: &args.hold, clock: &clock, ..Options::default() };
