@@ -12,7 +12,7 @@ use crate::run::Analysis;
 use crate::{Data, Inputs, Joined, add, compare, diagnose, gate};
 use deltatwin::identification::Estimate;
 use deltatwin::model::{Model, Provenance};
-use deltatwin_io::file::replace_text;
+use deltatwin_io::file::{self, replace_text};
 use deltatwin_io::recording::setup;
 
 /// Version of the layout of `result.json`; a reader of version 1 reads every later file of version 1.
@@ -103,10 +103,10 @@ fn hash(file: &Path, hasher: &mut Sha256) -> io::Result<u64> {
     }
 }
 
-/// Checks that the folder of a run may be written: it is empty or does not exist, or is overwritten on purpose.
+/// Checks that the folder of a run may be and can be written: it is empty or does not exist, or is overwritten on purpose.
 ///
 /// # Errors
-/// If it holds results and `force` is not set, or is a file.
+/// If it holds results and `force` is not set, is a file, or cannot be created or written.
 pub fn check(folder: &Path, force: bool) -> miette::Result<()> {
     if folder.exists() && !folder.is_dir() {
         return Err(miette!("{}: is a file; expected a folder", folder.display()));
@@ -116,7 +116,8 @@ pub fn check(folder: &Path, force: bool) -> miette::Result<()> {
         Some(file) if !force => {
             Err(miette!("{}: exists; expected another folder, or --force to replace its results", file.display()))
         }
-        _ => Ok(()),
+        _ => file::check_folder(folder)
+            .map_err(|reason| miette!("{}: cannot be written: {reason}; expected a folder", folder.display())),
     }
 }
 
@@ -131,6 +132,7 @@ pub fn result(analysis: &Analysis, origin: &Origin) -> Value {
     object.insert("inputs".into(), origin.inputs.iter().map(Input::json).collect());
     object.insert("warnings".into(), origin.warnings.iter().chain(&analysis.warnings).map(|w| json!(w)).collect());
     object.insert("zeros".into(), analysis.zeros.iter().map(Joined::json).collect());
+    object.insert("cut".into(), analysis.cut.iter().map(|stage| json!(stage.to_string())).collect());
     let d = &analysis.diagnosis;
     let (fitted, model) = (Path::new(IDENTIFIED), Path::new(MODEL));
     let stages = json!({

@@ -35,8 +35,9 @@ fn main() -> ExitCode {
             usage.exit()
         }
     };
-    // The diagnosis gives the best answer that the time allows.
-    if let Some(limit) = cli.time_limit.filter(|_| !matches!(cli.command, Some(Command::Diagnose(_)))) {
+    // These give the best answer that the time allows.
+    let is_bounded = matches!(cli.command, Some(Command::Diagnose(_) | Command::Run(_)));
+    if let Some(limit) = cli.time_limit.filter(|_| !is_bounded) {
         terminal::end_after(limit);
     }
     let outcome = cli.command.unwrap_or_else(|| Command::Demo(demo::Args::default())).run();

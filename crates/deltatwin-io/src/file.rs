@@ -1,12 +1,14 @@
 //! Reading of whole files, and writing: atomic replacement, and files that grow for hours.
 
-use std::fs::{File, OpenOptions};
+use std::collections::BTreeSet;
+use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use miette::Diagnostic;
+use tempfile::NamedTempFile;
 use thiserror::Error;
 
 /// Why a file was not written.
@@ -141,7 +143,8 @@ impl Seek for Appender {
 }
 
 impl Growing {
-    /// Creates the file that will become `target`; files of earlier runs that did not end are left alone.
+    /// Creates the file that will become `target`; files of earlier runs that did not end are left alone, see
+    /// [`clear_partial`].
     ///
     /// # Errors
     /// The error of the operating system.
@@ -153,6 +156,8 @@ impl Growing {
                 Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
                 Err(e) => return Err(e),
                 Ok(file) => {
+                    // As long as it grows; where the file system has no locks, nobody clears it.
+                    let _ = file.try_lock();
                     sync_folder(&partial);
                     let appender = Appender(Arc::new(Mutex::new(BufWriter::new(file))));
                     return Ok(Self { appender, partial, target, synced: Instant::now() });
@@ -237,14 +242,7 @@ fn sync_folder(path: &Path) {
 fn atomically(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>) -> io::Result<()> {
     let path = place(path)?;
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".writing-");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(std::fs::Permissions::from_mode(0o666)); // minus the umask, as for any new file
-    }
-    let temporary = builder.tempfile_in(folder)?;
+    let temporary = temporary(folder)?;
     let mut out = BufWriter::new(temporary.as_file());
     write(&mut out)?;
     out.flush()?;
@@ -256,6 +254,78 @@ fn atomically(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> io::Resu
     temporary.persist(&path)?;
     sync_folder(&path);
     Ok(())
+}
+
+/// Beginning of the names of files that are being written, and number of random letters and digits that follow.
+const TEMPORARY: (&str, usize) = (".writing-", 6);
+
+/// A new file in `folder`, locked while it is written. The first one in a folder clears what killed writers left there.
+fn temporary(folder: &Path) -> io::Result<NamedTempFile> {
+    static CLEARED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+    if CLEARED.lock().unwrap_or_else(PoisonError::into_inner).insert(folder.into()) {
+        clear_leftovers(folder);
+    }
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(TEMPORARY.0).rand_bytes(TEMPORARY.1);
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(std::fs::Permissions::from_mode(0o666)); // minus the umask, as for any new file
+    }
+    loop {
+        let file = builder.tempfile_in(folder)?;
+        // Until it is locked, another process may take it for a leftover. File systems without locks keep leftovers.
+        match file.as_file().try_lock() {
+            Err(TryLockError::WouldBlock) => {}
+            _ if !file.path().exists() => {}
+            _ => return Ok(file),
+        }
+    }
+}
+
+/// Removes the files in `folder` of writers that no longer live; what cannot be removed stays.
+fn clear_leftovers(folder: &Path) {
+    let is_ours = |path: &PathBuf| {
+        let name = path.file_name().and_then(|n| n.to_str()).and_then(|n| n.strip_prefix(TEMPORARY.0));
+        name.is_some_and(|n| n.len() == TEMPORARY.1 && n.bytes().all(|b| b.is_ascii_alphanumeric()))
+    };
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    for path in entries.filter(is_ours) {
+        remove_unused(&path);
+    }
+}
+
+/// Removes a file unless a living process has locked it; returns whether it is gone.
+fn remove_unused(path: &Path) -> bool {
+    let is_file = std::fs::symlink_metadata(path).is_ok_and(|m| m.is_file());
+    let Some(file) = is_file.then(|| File::open(path).ok()).flatten() else { return false };
+    file.try_lock().is_ok() && std::fs::remove_file(path).is_ok()
+}
+
+/// Largest number of a file of a killed run that is cleared.
+const MOST_PARTIAL: usize = 100;
+
+/// Removes the files that killed runs left on their way to `target`, and returns their names; those of living runs stay.
+/// They may be all there is of a recording until `target` is complete.
+pub fn clear_partial(target: &Path) -> Vec<PathBuf> {
+    let Ok(target) = place(target) else { return Vec::new() };
+    let mut all: Vec<PathBuf> = (1..=MOST_PARTIAL).map(|number| partial_name(&target, number)).collect();
+    all.retain(|partial| remove_unused(partial));
+    all
+}
+
+/// Checks that files can be written into `folder`, which may have to be created, and clears what killed writers left
+/// there; a folder that does not exist is not left behind.
+///
+/// # Errors
+/// The error of the operating system.
+pub fn check_folder(folder: &Path) -> io::Result<()> {
+    let is_missing = |f: &&Path| !f.as_os_str().is_empty() && !f.exists();
+    let missing: Vec<&Path> = folder.ancestors().take_while(is_missing).collect();
+    let written = std::fs::create_dir_all(folder).and_then(|()| temporary(folder)).map(drop);
+    // Another process may already use them.
+    missing.into_iter().for_each(|f| drop(std::fs::remove_dir(f)));
+    written
 }
 
 /// The way from the folder `folder` to `file`, both absolute; `file` itself on another drive.
@@ -279,6 +349,38 @@ pub(crate) fn way(file: &Path, folder: &Path) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn leftovers_of_dead_writers_alone_are_cleared() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let others = [".writing-notes.txt", ".writing-abc", "writing-abcdef"].map(at);
+        let left = at(".writing-aB3xyZ");
+        others.iter().chain([&left]).for_each(|file| std::fs::write(file, "half").unwrap());
+        let living = temporary(folder.path()).unwrap();
+        clear_leftovers(folder.path());
+        assert!(!left.exists() && living.path().exists() && others.iter().all(|file| file.exists()));
+        std::fs::write(&left, "half").unwrap();
+        clear_leftovers(folder.path());
+        assert!(!left.exists() && living.path().exists());
+
+        let target = at("run.mcap");
+        std::fs::write(at("run.partial.mcap"), "half").unwrap();
+        let growing = Growing::create(&target).unwrap();
+        assert_eq!(growing.partial(), at("run.partial-2.mcap"));
+        assert_eq!(clear_partial(&target), [at("run.partial.mcap")]);
+        assert!(!at("run.partial.mcap").exists() && growing.partial().exists());
+    }
+
+    #[test]
+    fn folders_are_checked_without_a_trace() {
+        let folder = tempfile::tempdir().unwrap();
+        let new = folder.path().join("a/b");
+        check_folder(&new).unwrap();
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+        std::fs::write(folder.path().join("a"), "a file").unwrap();
+        assert!(check_folder(&new).is_err() && folder.path().join("a").is_file());
+    }
 
     #[test]
     fn a_file_is_found_from_another_folder() {

@@ -16,7 +16,7 @@ pub use bag::{JointSample, Tail};
 pub use columns::Mapping;
 pub use error::ReadError;
 pub use preview::{Preview, PreviewColumn, preview};
-pub use recorder::{Head, Recorder};
+pub use recorder::{Head, Recorder, clear_partial};
 
 use std::path::Path;
 

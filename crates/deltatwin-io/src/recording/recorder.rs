@@ -131,6 +131,14 @@ impl Recorder {
     }
 }
 
+/// Removes what killed runs left on their way to the recording `target`, which is complete, with their sidecars.
+pub fn clear_partial(target: &Path) {
+    for gone in crate::file::clear_partial(target) {
+        // A bag has none.
+        let _ = std::fs::remove_file(setup::sidecar(&gone));
+    }
+}
+
 /// Removes the sidecar of a file that did not come to be.
 fn remove_first([own, _]: &[PathBuf; 2]) {
     // There may be none.

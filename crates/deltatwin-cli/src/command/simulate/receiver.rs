@@ -5,9 +5,10 @@ use deltatwin::recording::{Contacts, Note, Poses, Signals};
 use deltatwin::twin::origin::{contacts, note, poses};
 use deltatwin::twin::{Frame, Piece, Receiver};
 use deltatwin_io::file::WriteError;
-use deltatwin_io::recording::{Head, Recorder};
+use deltatwin_io::recording::{Head, Recorder, clear_partial};
 
 use super::Job;
+use crate::terminal::interrupted;
 
 /// A run being received.
 pub struct Receiving<'a> {
@@ -39,10 +40,14 @@ impl<'a> Receiving<'a> {
 
     /// Completes the recording.
     pub fn finish(self) -> Received {
-        let Self { recorder, mut received, .. } = self;
+        let Self { job, recorder, mut received, .. } = self;
         // After an error, the file is left as it is: it may be all there is.
         if received.problem.is_none() {
             received.problem = recorder.and_then(|recorder| recorder.finish().err());
+            // The same run, killed earlier, is now complete.
+            if received.problem.is_none() && received.samples > 0 && !interrupted() {
+                job.output.iter().for_each(|output| clear_partial(output));
+            }
         }
         received
     }
