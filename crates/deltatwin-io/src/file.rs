@@ -198,15 +198,23 @@ impl Growing {
     /// # Errors
     /// The error of the operating system; the file then keeps the name under which it grew.
     pub fn complete(self) -> io::Result<()> {
-        let mut file = self.appender.file();
-        file.flush()?;
         if let Ok(metadata) = std::fs::metadata(&self.target) {
-            file.get_ref().set_permissions(metadata.permissions())?;
+            self.appender.file().get_ref().set_permissions(metadata.permissions())?;
         }
-        file.get_ref().sync_all()?;
+        self.end()?;
         std::fs::rename(&self.partial, &self.target)?;
         sync_folder(&self.target);
         Ok(())
+    }
+
+    /// Brings the file to the disk; it keeps the name under which it grew.
+    ///
+    /// # Errors
+    /// The error of the operating system.
+    pub fn end(&self) -> io::Result<()> {
+        let mut file = self.appender.file();
+        file.flush()?;
+        file.get_ref().sync_all()
     }
 
     /// Removes the file.
@@ -222,6 +230,13 @@ fn place(path: &Path) -> io::Result<PathBuf> {
         return Err(io::Error::other("it exists and is no file"));
     }
     Ok(path.canonicalize().unwrap_or_else(|_| path.to_path_buf()))
+}
+
+/// Name for a part of what was to become `target`: its own, unless a file has it.
+pub fn name_of_part(target: &Path) -> PathBuf {
+    let partials = (1..).map(|number| partial_name(target, number));
+    let mut names = std::iter::once(target.to_path_buf()).chain(partials);
+    names.find(|name| !name.exists()).unwrap_or_else(|| target.to_path_buf())
 }
 
 /// Name of the `number`th file, from 1, that grows to become `target`.

@@ -78,7 +78,7 @@ pub(super) enum Encoding {
 /// The content needs more memory than is allowed, bytes.
 #[derive(Debug)]
 pub(super) struct Full {
-    allowed: usize,
+    pub allowed: usize,
 }
 
 impl Full {
@@ -103,6 +103,11 @@ impl Content {
             held: 0,
             allowed,
         }
+    }
+
+    /// The error of needing more memory than is allowed.
+    pub fn full(&self) -> Full {
+        Full { allowed: self.allowed }
     }
 
     /// Registers a topic; returns the index of its stream if it is usable.
@@ -181,7 +186,7 @@ impl Content {
     /// [`Full`] if it does not suffice.
     pub fn hold(&mut self, bytes: usize) -> Result<(), Full> {
         self.held += bytes;
-        if self.held > self.allowed { Err(Full { allowed: self.allowed }) } else { Ok(()) }
+        if self.held > self.allowed { Err(self.full()) } else { Ok(()) }
     }
 
     /// Names of the first topics, for an error.
