@@ -374,7 +374,8 @@ pub fn campaign(study: &Study, headings: Vec<Heading>, folder: &Path) -> (Campai
         ("design".into(), study.design.name().into()),
         ("seed".into(), study.seed.to_string()),
     ];
-    let campaign = Campaign { folder: folder.into(), digest, build: BUILD.into(), headings, metadata };
+    let name = study.name.clone();
+    let campaign = Campaign { name, folder: folder.into(), digest, build: BUILD.into(), headings, metadata };
     (campaign, Draws::new(&digest, study.seed))
 }
 
