@@ -345,7 +345,15 @@ fn range(file: &Source, whole: &Spanned<FactorKeys>) -> Checked<Range> {
     let name = keys.name.get_ref();
     let ways = [keys.levels.is_some(), keys.from.is_some() || keys.to.is_some(), keys.distribution.is_some()];
     if ways.iter().filter(|given| **given).count() != 1 {
-        let message = format!("factor `{name}` needs one of `levels`, `from` with `to`, or `distribution`");
+        let named = [
+            ("levels", keys.levels.is_some()),
+            ("from", keys.from.is_some()),
+            ("to", keys.to.is_some()),
+            ("distribution", keys.distribution.is_some()),
+        ];
+        let given: Vec<String> = named.iter().filter(|(_, is)| *is).map(|(key, _)| format!("`{key}`")).collect();
+        let what = if given.is_empty() { "has no values".into() } else { format!("has {}", given.join(" and ")) };
+        let message = format!("factor `{name}` {what}; expected one of `levels`, `from` with `to`, or `distribution`");
         return Err(file.problem(keys.name.span(), message));
     }
     if let Some(levels) = &keys.levels {
@@ -764,7 +772,17 @@ mod tests {
             ("count = 12\n", "", "factor `mass` lacks `count`"),
             ("to = 6.0", "to = 0.5", "runs from 0.5 to 0.5"),
             ("to = 6.0\n", "", "lacks `factors.to`"),
-            ("count = 12", "levels = [1]", "needs one of `levels`"),
+            (
+                "count = 12",
+                "levels = [1]",
+                "factor `mass` has `levels` and `from` and `to`; expected one of `levels`, `from` with `to`, or",
+            ),
+            ("from = 0.5\nto = 6.0\ncount = 12", "", "factor `mass` has no values; expected one of `levels`"),
+            (
+                "from = 0.5\nto = 6.0\ncount = 12",
+                "distribution = { kind = \"normal\", mean = 1, sigma = -1 }",
+                "`distribution.sigma` is -1; expected a number above 0, at most 1000000000000",
+            ),
             ("from = 0.5\nto = 6.0\ncount = 12", "levels = [1, \"a\"]", "expected numbers, or no numbers"),
             ("from = 0.5\nto = 6.0\ncount = 12", "levels = []", "has 0 value(s)"),
             (
