@@ -55,6 +55,7 @@ struct Document {
     draws: Option<Spanned<String>>,
     margin: Option<Spanned<String>>,
     over: Option<Spanned<String>>,
+    after_landing: Option<Spanned<f64>>,
     #[serde(default)]
     factors: Vec<Spanned<FactorKeys>>,
 }
@@ -113,6 +114,8 @@ struct DesignKeys {
 const MOST_RUNS: i64 = 100_000_000;
 const MOST_LEVELS: i64 = 100_000;
 const MOST_FACTORS: usize = 32;
+/// Longest time for which a broken robot is followed after its load has landed, s.
+const LONGEST_AFTER: f64 = 10.0;
 /// Largest number of a factor.
 const LARGEST: f64 = 1e12;
 /// Default number of rays of two factors or more.
@@ -170,6 +173,7 @@ pub fn parse(text: &str, path: &Path, access: Access) -> Result<Study, StudyErro
         experiment,
         margin: margin(file, &document.margin)?,
         over: document.over.as_ref().map(|name| named(file, "over", name, &factors)).transpose()?,
+        after_landing: file.maybe("after_landing", &document.after_landing, Interval(0.0, LONGEST_AFTER, "s"))?,
         factors,
         template,
     })
@@ -783,6 +787,7 @@ mod tests {
                 "distribution = { kind = \"normal\", mean = 1, sigma = -1 }",
                 "`distribution.sigma` is -1; expected a number above 0, at most 1000000000000",
             ),
+            ("seed = 4", "after_landing = -1.0", "`after_landing` is -1; expected a number from 0 to 10 s"),
             ("from = 0.5\nto = 6.0\ncount = 12", "levels = [1, \"a\"]", "expected numbers, or no numbers"),
             ("from = 0.5\nto = 6.0\ncount = 12", "levels = []", "has 0 value(s)"),
             (

@@ -258,7 +258,7 @@ impl Conduct {
             controller_model: files.controller_model,
             scenario: files.scenario,
             base: files.folder,
-            after_landing: AFTER_LANDING,
+            after_landing: self.study.after_landing.unwrap_or(AFTER_LANDING),
         })
     }
 

@@ -217,6 +217,9 @@ fn simulated(
     machine: &Model,
     options: &Options,
 ) -> Result<Simulated, SimulationError> {
+    if case.scenario.substeps.is_some() {
+        return simulated_with(case, motion, machine, options);
+    }
     let once = simulated_with(case, motion, machine, &Options { substeps: 1, ..options.clone() });
     match once {
         Ok(run) if run.report.energy_closes() => Ok(run),

@@ -409,3 +409,22 @@ fn an_object_inside_the_payload_is_refused_as_by_simulate() {
     let refused = run(&case, Keep::Nothing).map(|outcome| outcome.verdict).unwrap_err().to_string();
     assert!(refused.contains("block") && refused.contains("t = 0.0000 s"), "{refused}");
 }
+
+#[test]
+fn stated_steps_and_the_time_after_landing_count() {
+    let steps = |substeps: Option<usize>| {
+        let mut case = carrying(1.0);
+        case.scenario.substeps = substeps;
+        run(&case, Keep::Nothing).unwrap().report.steps
+    };
+    // Without a number one step per sample suffices here.
+    assert_eq!([Some(1), Some(2), Some(8)].map(steps), [1, 2, 8].map(|n| n * steps(None)));
+    let ends = |after_landing: f64| {
+        let case = Case { after_landing, ..shipped("failures/bulky-torque-limits") };
+        let outcome = run(&case, Keep::Nothing).unwrap();
+        outcome.report.simulated - outcome.verdict.payload.unwrap().time
+    };
+    for after in [0.02, AFTER_LANDING] {
+        assert!((ends(after) - after).abs() < 1e-3, "{after}: {}", ends(after));
+    }
+}
