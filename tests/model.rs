@@ -176,6 +176,23 @@ fn a_lone_axis_is_a_mass_or_an_inertia() {
 }
 
 #[test]
+fn messages_about_carriages_are_about_carriages() {
+    for (old, new, said) in [
+        (
+            "strut_length = 0.269",
+            "strut_length = 0.1",
+            "q·cos(inclination)| for every carriage position q within arm_limits",
+        ),
+        ("arm_limits = [-0.020, 0.250]", "arm_limits = [0.250, -0.020]", "the smallest position first"),
+        ("arm_limits = [-0.020, 0.250]", "arm_limits = [0.020, 0.250]", "contain the home pose, carriages at 0 m"),
+    ] {
+        let text = text_of("linear-delta");
+        assert!(text.contains(old), "no {old:?}");
+        assert_says(&parse(&text.replacen(old, new, 1)).err().expect("a refusal").to_string(), &[said]);
+    }
+}
+
+#[test]
 fn a_delta_robot_without_telescope_describes_none() {
     let m = parse(&text_of("clavel-delta")).unwrap();
     assert_eq!(m.mechanism, Mechanism::delta(false));

@@ -37,7 +37,7 @@ pub struct Problem {
 /// Result of a check.
 pub(crate) type Checked<T> = std::result::Result<T, Problem>;
 
-/// Closed interval of numbers, with their unit.
+/// Closed interval of numbers, with their unit; from [`f64::MIN_POSITIVE`] on it is that of positive numbers.
 #[derive(Clone, Copy)]
 pub(crate) struct Interval<'a>(pub f64, pub f64, pub &'a str);
 
@@ -50,10 +50,11 @@ impl Interval<'_> {
 impl fmt::Display for Interval<'_> {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let Self(low, high, unit) = self;
-        match *unit {
-            "" => write!(f, "from {low} to {high}"),
-            unit => write!(f, "from {low} to {high} {unit}"),
+        match *low {
+            f64::MIN_POSITIVE => write!(f, "above 0, at most {high}")?,
+            low => write!(f, "from {low} to {high}")?,
         }
+        if unit.is_empty() { Ok(()) } else { write!(f, " {unit}") }
     }
 }
 

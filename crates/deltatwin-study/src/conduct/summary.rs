@@ -71,6 +71,13 @@ fn named_from(runs: &mut [Along]) -> Option<(f64, f64)> {
     from
 }
 
+impl Summary {
+    /// Shares of failures between which the runs without a verdict leave the true one: all of them survived, all failed.
+    pub fn bounds(&self) -> [f64; 2] {
+        [self.failed, self.failed + self.errors].map(|n| n as f64 / self.runs.max(1) as f64)
+    }
+}
+
 impl Conduct {
     /// The numbers of the merged table; it is read row group by row group.
     ///

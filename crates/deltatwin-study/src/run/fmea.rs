@@ -71,6 +71,9 @@ fn cause(case: &Case, verdict: &Verdict) -> String {
         kind => format!("{} of {}: {:.0} % of the limit needed", kind.name(), verdict.cause.part, 1e2 * (1.0 - margin)),
     };
     reasons.push(load);
+    if let Some(limit) = verdict.limit.as_ref().filter(|limit| limit.kind != verdict.cause.kind) {
+        reasons.push(format!("{} of {} at its limit from {:.4} s on", limit.kind.name(), limit.part, limit.time));
+    }
     reasons.join("; ")
 }
 
@@ -115,7 +118,9 @@ fn end(verdict: &Verdict) -> String {
     let falls = verdict.platform.is_some() || verdict.payload.is_some();
     let fate = if falls { "falls" } else { "hangs loose" };
     let mut parts = vec![format!("{} of {SOCKETS} sockets open, the platform {fate}", verdict.opened.len())];
-    parts.extend(land("the platform", &verdict.platform));
+    // A payload on the flange lands with the platform.
+    let with_it = |at: &&Touchdown| verdict.payload.as_ref().is_none_or(|payload| payload.time != at.time);
+    parts.extend(land("the platform", &verdict.platform.as_ref().filter(with_it).cloned()));
     parts.extend(land("the payload", &verdict.payload));
     parts.join("; ")
 }

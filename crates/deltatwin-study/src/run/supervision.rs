@@ -17,7 +17,7 @@ use super::verdict::Notice;
 /// Customary threshold of the feedback torque, as a share of the drive's torque.
 const FEEDBACK: f64 = 0.25;
 /// Customary threshold of the following error, rad.
-const ERROR: f64 = 0.02;
+pub const ERROR: f64 = 0.02;
 /// Customary threshold of strut forces, as a share of the dislocation force.
 const STRUT: f64 = 0.8;
 /// Spacing of the check of the plan, s.

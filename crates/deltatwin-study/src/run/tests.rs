@@ -2,15 +2,19 @@
 
 use std::path::Path;
 
+use deltatwin::cell::Shape;
 use deltatwin::constraint_forces::{Detail, constraint_forces};
 use deltatwin::dynamics::{Plant, inertial_wrench};
 use deltatwin::kinematics::Motion;
-use deltatwin::machine::bodies::STRUT;
+use deltatwin::machine::bodies::{END_EFFECTOR, STRUT};
 use deltatwin::machine::{Payload, STRUTS};
+use deltatwin_io::outside::Access;
 use deltatwin_io::{model, scenario};
 use nalgebra::Vector3;
 
 use super::*;
+use crate::campaign::{Chunk, Value, Watch};
+use crate::conduct::Conduct;
 
 const SCENARIOS: &str = "../../scenarios";
 
@@ -18,14 +22,26 @@ const SCENARIOS: &str = "../../scenarios";
 fn case(text: &str) -> Case {
     let base = Path::new(SCENARIOS);
     let scenario = scenario::parse(text, &base.join("test.toml")).unwrap();
-    Case { model: model::read(&scenario.model).unwrap(), controller_model: None, scenario, base: base.into() }
+    Case {
+        model: model::read(&scenario.model).unwrap(),
+        controller_model: None,
+        scenario,
+        base: base.into(),
+        after_landing: AFTER_LANDING,
+    }
 }
 
 fn shipped(name: &str) -> Case {
     let base = Path::new(SCENARIOS);
     let scenario = scenario::read(&base.join(format!("{name}.toml"))).unwrap();
     let controller_model = scenario.controller_model.as_ref().map(|path| model::read(path).unwrap());
-    Case { model: model::read(&scenario.model).unwrap(), controller_model, scenario, base: base.into() }
+    Case {
+        model: model::read(&scenario.model).unwrap(),
+        controller_model,
+        scenario,
+        base: base.into(),
+        after_landing: AFTER_LANDING,
+    }
 }
 
 fn verdict(case: &Case) -> Verdict {
@@ -293,11 +309,122 @@ fn the_other_cases_fail_as_their_files_say() {
         ("collision", CauseKind::Contact, "post"),
         ("worn-socket", CauseKind::Socket, "strut 6 lower"),
         ("missing-spring", CauseKind::Socket, "strut 6 lower"),
-        ("wrong-payload", CauseKind::Torque, "axis 1"),
+        ("wrong-payload", CauseKind::Socket, "strut 3 lower"),
     ] {
         let verdict = verdict(&shipped(&format!("failures/{name}")));
         assert_eq!(verdict.cause.kind, kind, "{name}");
         assert!(verdict.cause.part.contains(part) && verdict.opened_at_once() >= 2, "{name}: {:?}", verdict.cause);
         assert!(!verdict.supervision.is_empty() && !verdict.fmea.detection.is_empty(), "{name}");
+        // The payload that is too heavy saturates a drive first, which breaks nothing by itself.
+        let limit = verdict.limit.as_ref().unwrap();
+        let saturated =
+            (limit.kind, limit.part.as_str()) == (CauseKind::Torque, "axis 1") && limit.time < verdict.cause.time;
+        assert_eq!(saturated, name == "wrong-payload", "{name}: {limit:?}");
+        assert_eq!(verdict.margin_of(kind), Some(verdict.margin));
+        // The platform lands with what it carries.
+        assert_eq!(verdict.platform.is_some(), verdict.payload.is_some(), "{name}");
+    }
+}
+
+/// Whether a socket leaves in a run of `simulate`, with its full accuracy.
+fn breaks(case: &Case) -> bool {
+    let options = Options { contacts: Some(deltatwin_cell::contacts), ..Options::of(&case.scenario, &case.model) };
+    let (machine, motion) = (case.scenario.machine(&case.model), case.motion().unwrap());
+    let setup = &case.scenario.setup;
+    let run = simulate_until_failure(&machine, setup, &case.believed(), &|t| motion.at(t), &options, &mut |_| true);
+    !run.unwrap().1.dislocations.is_empty()
+}
+
+struct Silent;
+
+impl Watch for Silent {
+    fn row(&self, _: &[Value], _: bool) {}
+
+    fn stop(&self) -> bool {
+        false
+    }
+}
+
+/// The shipped boundary study on a small crash: contacts load the sockets, and the first dislocation ends the ray.
+#[test]
+fn the_impact_speed_that_the_robot_endures_is_a_boundary() {
+    let file = Path::new(SCENARIOS).join("studies/impact.toml");
+    let folder = tempfile::tempdir().unwrap();
+    let conduct = Conduct::new(deltatwin_io::study::read(&file, Access::PLAIN).unwrap(), folder.path()).unwrap();
+    conduct.chunk(Chunk::WHOLE, &Silent).unwrap();
+    conduct.campaign.merge(Some(conduct.runs())).unwrap();
+    assert_eq!(conduct.summary().unwrap().boundary, Some((1, 0)));
+    let table = conduct.picked(&["reach", "margin_socket", "speed"]).unwrap();
+    let [reach, margin, speed] = [0, 1, 2].map(|c| table.rows[0][c].number().unwrap());
+    // Bisection with single runs of the twin.
+    let case = |scale: f64| {
+        let mut case = shipped("crash");
+        case.scenario = case.scenario.faster(scale);
+        case.scenario.supervision.tracking = Some(0.01);
+        case
+    };
+    let [mut low, mut high] = [0.15, 0.3];
+    assert!(!breaks(&case(low)) && breaks(&case(high)));
+    while high - low > 2e-3 {
+        let middle = 0.5 * (low + high);
+        *if breaks(&case(middle)) { &mut high } else { &mut low } = middle;
+    }
+    let found = 0.1 + 0.5 * reach;
+    println!("endured {:.3} m/s, by single runs {:.3} to {:.3} m/s", 2.0 * found, 2.0 * low, 2.0 * high);
+    // A hundredth of the ray.
+    assert!((low - 5e-3..high + 5e-3).contains(&found), "{found}: {low} to {high}");
+    assert!(margin <= 0.0 && (speed - found).abs() < 5e-3, "{margin} {speed}");
+    // What is endured leaves a margin, which falls with the speed and is the robot's own, with its contact.
+    let endured = [0.1, 0.15, 0.2].map(|scale| verdict(&case(scale)).margin_of(CauseKind::Socket).unwrap());
+    assert!(endured.windows(2).all(|w| w[1] < w[0]) && endured[2] > 0.0, "{endured:?}");
+}
+
+#[test]
+fn a_drive_that_saturates_and_finishes_breaks_nothing() {
+    let intact = verdict(&carrying(1.0));
+    let share = 1.0 - intact.margin_of(CauseKind::Torque).unwrap();
+    let with = |limit: f64| {
+        let mut case = carrying(1.0);
+        case.model.drives.iter_mut().for_each(|drive| drive.max_torque *= limit * share);
+        verdict(&case)
+    };
+    // At 97 % of the torque that it needs at most.
+    let saturated = with(0.97);
+    assert!(saturated.survived && saturated.margin_of(CauseKind::Torque).unwrap() < 0.0, "{saturated:?}");
+    assert_eq!((saturated.cause.kind, saturated.margin), (CauseKind::Torque, 0.0));
+    assert_eq!(saturated.limit.unwrap().kind, CauseKind::Torque);
+    assert!(intact.limit.is_none());
+}
+
+#[test]
+fn an_object_inside_the_payload_is_refused_as_by_simulate() {
+    let mut case = carrying(3.0);
+    let plant = case.plant();
+    let joints = case.motion().unwrap().at(0.0).joints(&plant.geometry).unwrap();
+    let flange = plant.motion(&joints).unwrap().bodies[END_EFFECTOR].position;
+    let mut block = shipped("crash").scenario.objects[0].clone();
+    block.shape = Shape::Box { size: Vector3::repeat(0.05) };
+    block.position = flange + case.scenario.payload_shape.as_ref().unwrap().centre;
+    case.scenario.objects = vec![block];
+    let refused = run(&case, Keep::Nothing).map(|outcome| outcome.verdict).unwrap_err().to_string();
+    assert!(refused.contains("block") && refused.contains("t = 0.0000 s"), "{refused}");
+}
+
+#[test]
+fn stated_steps_and_the_time_after_landing_count() {
+    let steps = |substeps: Option<usize>| {
+        let mut case = carrying(1.0);
+        case.scenario.substeps = substeps;
+        run(&case, Keep::Nothing).unwrap().report.steps
+    };
+    // Without a number one step per sample suffices here.
+    assert_eq!([Some(1), Some(2), Some(8)].map(steps), [1, 2, 8].map(|n| n * steps(None)));
+    let ends = |after_landing: f64| {
+        let case = Case { after_landing, ..shipped("failures/bulky-torque-limits") };
+        let outcome = run(&case, Keep::Nothing).unwrap();
+        outcome.report.simulated - outcome.verdict.payload.unwrap().time
+    };
+    for after in [0.02, AFTER_LANDING] {
+        assert!((ends(after) - after).abs() < 1e-3, "{after}: {}", ends(after));
     }
 }

@@ -7,7 +7,7 @@ use deltatwin_io::{model, plan, scenario, study};
 use deltatwin_study::conduct::Conduct;
 use deltatwin_study::design::{Point, nominal};
 use deltatwin_study::run::advise::{Advice, Remedy, advise};
-use deltatwin_study::run::{Case, Verdict};
+use deltatwin_study::run::{AFTER_LANDING, Case, Verdict};
 use miette::{IntoDiagnostic, WrapErr};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -45,7 +45,7 @@ fn case(args: &Args) -> miette::Result<Case> {
     let machine = model::read(&scenario.model)?;
     let controller_model = scenario.controller_model.as_deref().map(model::read).transpose()?;
     let base = args.study.parent().unwrap_or(Path::new("")).to_path_buf();
-    Ok(Case { model: machine, controller_model, scenario, base })
+    Ok(Case { model: machine, controller_model, scenario, base, after_landing: AFTER_LANDING })
 }
 
 fn state(verdict: &Verdict) -> String {
