@@ -8,6 +8,7 @@ use super::{Plant, STILL, inertial_wrench};
 use crate::effects::{ActiveEffect, Instant, Wrenches};
 use crate::kinematics::{KinematicsError, Motion, Reactions, SocketSet};
 use crate::machine::bodies::BODIES;
+use crate::numerics::worst;
 
 /// Drive torques and strut forces at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -22,7 +23,7 @@ pub struct Output {
 pub(crate) trait Borne {
     /// Drive torques and strut forces, on which force laws may depend.
     fn output(&self) -> Output;
-    /// Largest absolute difference of a torque or force from `other`, N·m or N.
+    /// Largest absolute difference of a torque or force from `other`, N·m or N; NaN if one is.
     fn change(&self, other: &Self) -> f64;
 }
 
@@ -33,7 +34,7 @@ impl Borne for Output {
 
     fn change(&self, other: &Self) -> f64 {
         let values = |o: &Self| o.tau.into_iter().chain(o.reactions.upper).chain(o.reactions.lower);
-        values(self).zip(values(other)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+        values(self).zip(values(other)).map(|(a, b)| a - b).fold(0.0, worst)
     }
 }
 

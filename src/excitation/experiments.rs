@@ -406,9 +406,10 @@ impl Bench<'_> {
         let plant = Plant::new(self.model, &dataset.setup);
         let drives = &self.model.drives[..self.model.mechanism.axes()];
         let slow = |j: &JointState| {
-            drives.iter().enumerate().all(|(i, d)| {
-                j.qd[i].abs() <= d.max_speed && (i >= ARMS || j.qdd[i].abs() <= SHARE * d.max_acceleration)
-            })
+            drives
+                .iter()
+                .enumerate()
+                .all(|(i, d)| j.qd[i].abs() <= d.max_speed && j.qdd[i].abs() <= SHARE * d.max_acceleration)
         };
         let mut probe = Dataset { channels: Channel::of_drives(self.model.mechanism), ..dataset.clone() };
         if plant.assembled {

@@ -483,6 +483,14 @@ fn runs_have_names_of_their_own() {
     assert_eq!(out.status.code(), Some(2));
     assert!(folder.path().join("mixed/run.v2.mcap").is_file());
     assert!(String::from_utf8_lossy(&out.stderr).contains("run.v1.mcap: cannot be written"));
+    // The status is that of the worst run, not of the last one.
+    let inside =
+        "\n[[objects]]\nname = \"block\"\nshape = \"box\"\nsize = [0.4, 0.4, 0.4]\nposition = [0.0, 0.0, -1.0]\n";
+    let blocked = path(&folder, "blocked.toml");
+    std::fs::write(&blocked, text.clone() + inside).unwrap();
+    let status = |files: &[&str]| run(&[&["simulate"], files, &["-o", &path(&folder, "mixed")]].concat()).status.code();
+    assert_eq!(status(&[&blocked, &b]), Some(1));
+    assert_eq!(status(&[&a, &blocked]), Some(2));
 }
 
 #[cfg(unix)]

@@ -188,7 +188,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
             Ok(outcome) => outcome,
             Err(error @ (SimulationError::Singular { .. } | SimulationError::Cell { .. })) => {
                 complain(format!("error: {}: {error}", job.scenario.name));
-                status = BAD_ANSWER;
+                status = status.max(BAD_ANSWER);
                 let error = error_json(&miette!("{error}"));
                 runs.push(json!({ "scenario": job.scenario.name, "error": error }));
                 continue;
@@ -197,18 +197,18 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         };
         if let Some(complaint) = outcome.complaint() {
             complain(format!("error: {}: {complaint}", job.scenario.name));
-            status = BAD_ANSWER;
+            status = status.max(BAD_ANSWER);
         }
         // A failure to write one result does not affect the others.
         let mut outcome = outcome;
         let written = outcome.unwritten.take().map_or_else(|| show(job, &outcome, args), Err);
         if let Err(error) = &written {
             complain(format!("error: {}: {error}", job.scenario.name));
-            status = BAD_INPUT;
+            status = status.max(BAD_INPUT);
         }
         let difference = verify.as_ref().map(|earlier| outcome.recording.first_difference(earlier));
         if matches!(difference, Some(Some(_))) {
-            status = BAD_ANSWER;
+            status = status.max(BAD_ANSWER);
         }
         if args.json {
             let mut run = json(job, &outcome, difference.as_ref(), written.is_ok());
