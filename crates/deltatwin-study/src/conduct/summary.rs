@@ -209,6 +209,13 @@ mod tests {
     use super::*;
 
     #[test]
+    fn runs_without_a_verdict_leave_the_share_of_failures_open() {
+        let of = |failed, errors| Summary { runs: 20, failed, errors, ..Summary::default() }.bounds();
+        assert_eq!([of(4, 0), of(4, 3), of(0, 20)], [[0.2, 0.2], [0.2, 0.35], [0.0, 1.0]]);
+        assert_eq!(Summary::default().bounds(), [0.0, 0.0]);
+    }
+
+    #[test]
     fn an_early_name_counts_only_if_all_later_runs_have_one() {
         let run = |at: f64, named| Along { at, margin: 1.0 - at, survived: at < 0.75, named };
         let names = [(0.2, Some(true)), (0.4, Some(false)), (0.5, Some(true)), (0.6, Some(true)), (0.8, None)];
