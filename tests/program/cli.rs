@@ -515,6 +515,37 @@ fn an_interrupted_run_is_kept() {
     done(&["check", &mcap]);
 }
 
+/// What was complete stays; the part has another name, which the answer states.
+#[cfg(unix)]
+#[test]
+fn an_interrupted_run_replaces_no_complete_recording() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    for (name, part) in [("r.mcap", "r.partial.mcap"), ("r.csv", "r.partial.csv")] {
+        let (file, part) = (path(&folder, name), path(&folder, part));
+        done(&["simulate", SMOKE, "-o", &file]);
+        let complete = std::fs::read(&file).unwrap();
+        let child = std::process::Command::new(assert_cmd::cargo::cargo_bin("deltatwin"))
+            .args(["simulate", "scenarios/excitation.toml", "-o", &file, "--json"])
+            .stdout(std::process::Stdio::piped())
+            .stderr(std::process::Stdio::null())
+            .spawn()
+            .unwrap();
+        // Not before its first samples are on the disk.
+        while std::fs::metadata(&part).map_or(0, |m| m.len()) < 1 << 16 {
+            std::thread::sleep(std::time::Duration::from_millis(20));
+        }
+        std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+        let out = child.wait_with_output().unwrap();
+        assert_eq!(out.status.code(), Some(130));
+        assert!(std::fs::read(&file).unwrap() == complete, "{name} was replaced");
+        let answer: Value = serde_json::from_slice(&out.stdout).unwrap();
+        assert_eq!((&answer["interrupted"], &answer["recording"]), (&true.into(), &part.as_str().into()));
+        assert!(answer["simulated_s"].as_f64().unwrap() < 20.0);
+        done(&["check", &part, &file]);
+    }
+}
+
 #[test]
 fn runs_repeat_bit_by_bit_alone_and_together() {
     common::at_root();

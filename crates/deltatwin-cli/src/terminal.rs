@@ -233,7 +233,8 @@ impl std::fmt::Display for Table {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0);
         let width = |c: usize| self.rows.iter().filter_map(|r| r.get(c)).map(|s| s.chars().count()).max().unwrap_or(0);
-        let widths: Vec<usize> = (0..columns).map(width).collect();
+        // Wider ones cannot be padded by the formatter.
+        let widths: Vec<usize> = (0..columns).map(|c| width(c).min(usize::from(u16::MAX))).collect();
         for (r, row) in self.rows.iter().enumerate() {
             let mut line = String::new();
             for (c, cell) in row.iter().enumerate() {
@@ -277,6 +278,13 @@ mod tests {
         table.row(["µ".into(), "1".into(), "N".into()]);
         table.row(["longer".into(), "10".into(), "N·m".into()]);
         assert_eq!(table.to_string(), "  name     x  unit\n  µ        1  N\n  longer  10  N·m");
+    }
+
+    #[test]
+    fn a_cell_of_any_length_is_printed() {
+        let mut table = Table::new(&["name", "x"], &[]);
+        table.row(["n".repeat(70_000), "1".repeat(70_000)]);
+        assert!(table.to_string().len() > 140_000);
     }
 
     #[test]

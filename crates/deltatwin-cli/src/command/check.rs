@@ -1,8 +1,10 @@
 //! `deltatwin check`.
 
-use std::path::PathBuf;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
 
-use serde_json::json;
+use miette::miette;
+use serde_json::{Value, json};
 
 use crate::command::gate::{json as gate_json, line};
 use crate::data::{ColumnArgs, Outside};
@@ -43,7 +45,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let machine = model.as_ref().map(|m| m.mechanism);
     let how = args.columns.reading(args.setup.as_deref(), machine);
     for file in &args.files {
-        match check_as(file, args.outside.access(), &how, model.as_ref()) {
+        match guarded(file, || check_as(file, args.outside.access(), &how, model.as_ref())) {
             Ok(v) => {
                 warn(&v.warnings);
                 if !args.json {
@@ -61,10 +63,10 @@ pub fn run(args: &Args) -> miette::Result<u8> {
                 }));
                 gate.extend(v.gate.unwrap_or_default());
             }
-            Err(report) => {
+            Err(refused) => {
                 good = false;
-                complain(format!("{report:?}"));
-                entries.push(json!({"file": path(file), "good": false, "error": report.to_string(), "cause": error_json(&report)}));
+                complain(refused.printed);
+                entries.push(refused.entry);
             }
         }
     }
@@ -78,6 +80,28 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     })
 }
 
+/// Why a file was refused: as text and as JSON.
+struct Refused {
+    printed: String,
+    entry: Value,
+}
+
+impl Refused {
+    fn new(file: &Path, report: &miette::Report) -> Self {
+        let entry =
+            json!({"file": path(file), "good": false, "error": report.to_string(), "cause": error_json(report)});
+        Self { printed: format!("{report:?}"), entry }
+    }
+}
+
+/// The answer of `check` about `file`; a fault of the program itself is an answer too, and the other files get theirs.
+fn guarded(file: &Path, check: impl FnOnce() -> miette::Result<Verified>) -> Result<Verified, Refused> {
+    let answer = || check().map_err(|report| Refused::new(file, &report));
+    catch_unwind(AssertUnwindSafe(answer)).unwrap_or_else(|_| {
+        Err(Refused::new(file, &miette!("{}: the check failed unexpectedly; please report this file", file.display())))
+    })
+}
+
 /// Prints the findings of the gate about a recording.
 fn print_gate(v: &Verified) -> miette::Result<()> {
     let Some(findings) = &v.gate else { return Ok(()) };
@@ -88,4 +112,16 @@ fn print_gate(v: &Verified) -> miette::Result<()> {
     let others = findings.iter().filter(|f| !matches!(f.remedy, deltatwin::gate::Remedy::Map(_)));
     let remedies = others.map(|f| f.remedy.to_string()).chain(combined(findings).map(|r| r.to_string()));
     remedies.into_iter().try_for_each(|r| say(format!("  remedy: {r}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_about_one_file_is_its_answer() {
+        let refused = guarded(Path::new("a.toml"), || panic!("on purpose")).unwrap_err();
+        assert!(refused.printed.contains("a.toml: the check failed unexpectedly"), "{}", refused.printed);
+        assert_eq!((&refused.entry["file"], &refused.entry["good"]), (&json!("a.toml"), &json!(false)));
+    }
 }
