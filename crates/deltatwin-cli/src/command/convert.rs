@@ -9,7 +9,6 @@ use std::path::Path;
 use deltatwin::machine::Mechanism;
 use deltatwin::recording::Recording;
 use deltatwin_io::file;
-use miette::IntoDiagnostic;
 use serde_json::json;
 
 use crate::kind::alone;
@@ -47,9 +46,9 @@ fn write(recording: &Recording, to: &Path) -> miette::Result<()> {
         let table = |out: &mut io::BufWriter<&std::fs::File>| {
             deltatwin_study::recording::write(recording, out).map_err(io::Error::other)
         };
-        return file::replace(to, table).into_diagnostic();
+        return Ok(file::replace(to, table)?);
     }
-    recording::write(recording, to).into_diagnostic()
+    Ok(recording::write(recording, to)?)
 }
 
 fn is_parquet(file: &Path) -> bool {
