@@ -734,7 +734,7 @@ fn models_are_written_beside_and_renamed() {
     assert_same(&model::read(&path).unwrap(), &m);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "no temporary file stays");
     let error = format!("{:?}", deltatwin_io::model::write(&m, &folder.path().join("none/mine.toml")).unwrap_err());
-    assert_says(&error, &["cannot write", "mine.toml"]);
+    assert_says(&error, &["cannot be written", "mine.toml"]);
 }
 
 #[test]

@@ -160,7 +160,7 @@ pub fn assembled_robot(file: &Path) -> miette::Result<Model> {
 
 /// Writes an SVG file.
 pub fn write_figure(target: &Path, figure: &Figure) -> miette::Result<()> {
-    file::replace(target, |out| out.write_all(figure.svg().as_bytes())).into_diagnostic()
+    Ok(file::replace(target, |out| out.write_all(figure.svg().as_bytes()))?)
 }
 
 /// Today's date, `2026-11-22` (UTC).

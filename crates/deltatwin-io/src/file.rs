@@ -12,7 +12,7 @@ use tempfile::NamedTempFile;
 use thiserror::Error;
 
 /// Why a file was not written.
-#[derive(Debug, Error, Diagnostic)]
+#[derive(Debug, Error)]
 pub enum WriteError {
     /// The file cannot be created, written or renamed.
     #[error("{}: cannot be written: {reason}", file.display())]
@@ -36,6 +36,16 @@ impl WriteError {
     /// An error in the content for `file`.
     pub fn invalid(file: &Path, problem: impl Into<String>) -> Self {
         Self::Invalid { file: file.into(), problem: problem.into() }
+    }
+}
+
+impl Diagnostic for WriteError {
+    fn help<'a>(&'a self) -> Option<Box<dyn std::fmt::Display + 'a>> {
+        use io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
+        let Self::Io { reason, .. } = self else { return None };
+        let is_full = matches!(reason.kind(), StorageFull | QuotaExceeded | FileTooLarge);
+        let help = "the disk, its quota or the limit on sizes of files is used up: free space, or write elsewhere";
+        is_full.then(|| Box::new(help) as Box<dyn std::fmt::Display>)
     }
 }
 

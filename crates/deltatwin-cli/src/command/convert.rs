@@ -7,7 +7,6 @@ use std::path::Path;
 
 use deltatwin::machine::Mechanism;
 use deltatwin::recording::Recording;
-use miette::IntoDiagnostic;
 use serde_json::json;
 
 use crate::kind::alone;
@@ -44,7 +43,7 @@ fn write(recording: &Recording, to: &Path) -> miette::Result<()> {
     if is_parquet(to) {
         return write_parquet(recording, to);
     }
-    recording::write(recording, to).into_diagnostic()
+    Ok(recording::write(recording, to)?)
 }
 
 #[cfg(feature = "studies")]
@@ -52,7 +51,7 @@ fn write_parquet(recording: &Recording, to: &Path) -> miette::Result<()> {
     let table = |out: &mut std::io::BufWriter<&std::fs::File>| {
         deltatwin_study::recording::write(recording, out).map_err(std::io::Error::other)
     };
-    deltatwin_io::file::replace(to, table).into_diagnostic()
+    Ok(deltatwin_io::file::replace(to, table)?)
 }
 
 #[cfg(not(feature = "studies"))]

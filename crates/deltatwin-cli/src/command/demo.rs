@@ -105,7 +105,7 @@ fn write(args: &Args, campaign: &Campaign, findings: &Findings) -> miette::Resul
     let mut files = Vec::new();
     for recording in [&campaign.measurement, &campaign.validation] {
         let path = folder.join(format!("{}.mcap", recording.name));
-        deltatwin_io::recording::write(recording, &path).into_diagnostic()?;
+        deltatwin_io::recording::write(recording, &path)?;
         files.push(path);
     }
     let delivered = folder.join("delivered.toml");

@@ -98,7 +98,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         .into_diagnostic()
         .wrap_err_with(|| args.path.display().to_string())?;
     if let Some(output) = &args.output {
-        deltatwin_io::recording::write(&planned, output).into_diagnostic()?;
+        deltatwin_io::recording::write(&planned, output)?;
     }
     let contacts = Some(deltatwin_cell::contacts as NewContacts);
     let execution =

@@ -106,9 +106,10 @@ impl CampaignError {
     pub(super) fn content(file: &Path) -> impl FnOnce(ParquetError) -> Self + '_ {
         move |reason| match reason {
             // The reader wraps errors of the operating system.
-            ParquetError::External(error) if error.is::<io::Error>() => {
-                Self::Io { file: file.into(), reason: io::Error::other(error) }
-            }
+            ParquetError::External(error) => match error.downcast::<io::Error>() {
+                Ok(reason) => Self::Io { file: file.into(), reason: *reason },
+                Err(error) => Self::Content { file: file.into(), reason: ParquetError::External(error) },
+            },
             reason => Self::Content { file: file.into(), reason },
         }
     }
