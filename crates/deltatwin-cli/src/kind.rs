@@ -30,15 +30,25 @@ pub struct Verified {
     pub gate: Option<Vec<Finding>>,
 }
 
-/// Validates a file of any kind with `access` to the files it names; recordings are read as specified by `how` and compared
-/// with `model`.
+/// How recordings are validated.
+#[derive(Clone, Copy)]
+pub struct Examination<'a> {
+    /// How they are read.
+    pub how: Reading<'a>,
+    /// Model that they are compared with.
+    pub model: Option<&'a Model>,
+    /// Mass of their payload, kg, instead of what the setup states.
+    pub payload_mass: Option<f64>,
+}
+
+/// Validates a file of any kind with `access` to the files it names.
 ///
 /// # Errors
 /// The first error of the file.
-pub fn check_as(path: &Path, access: Access, how: &Reading, model: Option<&Model>) -> miette::Result<Verified> {
+pub fn check_as(path: &Path, access: Access, recordings: &Examination) -> miette::Result<Verified> {
     let kind = kind(path)?;
     if kind == Kind::Recording {
-        let (summary, warnings, gate) = recording(path, how, model)?;
+        let (summary, warnings, gate) = recording(path, recordings)?;
         return Ok(Verified { kind, summary, warnings, gate });
     }
     let (summary, warnings) = match kind {
@@ -138,8 +148,9 @@ pub fn alone(path: &Path, recording: &Recording) -> Vec<String> {
 
 type Verdict = (String, Vec<String>, Option<Vec<Finding>>);
 
-fn recording(path: &Path, how: &Reading, model: Option<&Model>) -> miette::Result<Verdict> {
-    let (recording, mut warnings) = recording::read_as(path, how)?;
+fn recording(path: &Path, &Examination { how, model, payload_mass }: &Examination) -> miette::Result<Verdict> {
+    let (mut recording, mut warnings) = recording::read_as(path, &how)?;
+    recording.setup.payload.mass = payload_mass.unwrap_or(recording.setup.payload.mass);
     let mut dataset = Dataset::new(&recording);
     if model.is_none() {
         // For a model with elastic gears; of a long recording they are large.

@@ -147,7 +147,7 @@ pub(crate) fn check(task: &Task, job: &Job) -> miette::Result<Outcome> {
                 // One assignment for everything that is wrong with the recording.
                 GateRemedy::Map(own) => ("map", all.as_ref().map_or_else(|| own.join(", "), map_text)),
                 GateRemedy::PayloadMass(mass) => ("payload_mass", significant(*mass, 4)),
-                GateRemedy::Words(words) => ("words", words.to_string()),
+                GateRemedy::Payload(_) | GateRemedy::Words(_) => ("words", finding.remedy.to_string()),
             };
             remedies.push(Remedy { sentence, severe: finding.severe, kind: kind.into(), text });
         }

@@ -7,8 +7,8 @@ use miette::miette;
 use serde_json::{Value, json};
 
 use crate::command::gate::{json as gate_json, line};
-use crate::data::{ColumnArgs, Outside};
-use crate::kind::{Verified, check_as};
+use crate::data::{ColumnArgs, Outside, mass};
+use crate::kind::{Examination, Verified, check_as};
 use crate::terminal::{BAD_ANSWER, BAD_INPUT, DONE, complain, error_json, path, say, warn};
 use deltatwin::gate::combined;
 use deltatwin_io::model;
@@ -28,6 +28,9 @@ pub struct Args {
     /// Setup of all recordings, instead of their sidecars `<stem>.setup.toml`.
     #[arg(long, value_name = "FILE")]
     pub setup: Option<PathBuf>,
+    /// Mass of the payload of all recordings in kg, instead of what the setup states.
+    #[arg(long, value_name = "KG", value_parser = mass)]
+    pub payload_mass: Option<f64>,
     #[command(flatten)]
     pub outside: Outside,
     /// One JSON object on stdout.
@@ -45,7 +48,8 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let machine = model.as_ref().map(|m| m.mechanism);
     let how = args.columns.reading(args.setup.as_deref(), machine);
     for file in &args.files {
-        match guarded(file, || check_as(file, args.outside.access(), &how, model.as_ref())) {
+        let examination = Examination { how, model: model.as_ref(), payload_mass: args.payload_mass };
+        match guarded(file, || check_as(file, args.outside.access(), &examination)) {
             Ok(v) => {
                 warn(&v.warnings);
                 if !args.json {
@@ -111,6 +115,8 @@ fn print_gate(v: &Verified) -> miette::Result<()> {
     findings.iter().try_for_each(|f| say(format!("  {}", line(f))))?;
     let others = findings.iter().filter(|f| !matches!(f.remedy, deltatwin::gate::Remedy::Map(_)));
     let remedies = others.map(|f| f.remedy.to_string()).chain(combined(findings).map(|r| r.to_string()));
+    let mut remedies: Vec<String> = remedies.collect();
+    remedies.dedup();
     remedies.into_iter().try_for_each(|r| say(format!("  remedy: {r}")))
 }
 
