@@ -231,6 +231,17 @@ impl Session {
     }
 }
 
+/// Creates a folder of a session, and those that lead to it, for their owner alone.
+///
+/// # Errors
+/// The error of the operating system.
+pub(crate) fn private(folder: &Path) -> std::io::Result<()> {
+    let mut builder = std::fs::DirBuilder::new();
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder.recursive(true).create(folder)
+}
+
 /// Whether a path stays in the folder that it is relative to.
 fn inside(file: &str) -> bool {
     let path = Path::new(file);

@@ -20,7 +20,7 @@ use miette::{IntoDiagnostic, miette};
 use serde_json::{Value, json};
 
 use crate::job::Job;
-use crate::session::{Errors, Remedy, Session, StageResult, Version};
+use crate::session::{Errors, Remedy, Session, StageResult, Version, private};
 use crate::studio::{Task, line};
 
 /// What a stage has found.
@@ -40,7 +40,7 @@ impl Outcome {
     /// If a file cannot be written.
     pub fn write(&self, folder: &Path) -> miette::Result<()> {
         let stages = folder.join("stages");
-        std::fs::create_dir_all(&stages).into_diagnostic()?;
+        private(&stages).into_diagnostic()?;
         if let Some((model, provenance, version)) = &self.model {
             model::write_fitted(model, &folder.join(&version.file), provenance)?;
         }

@@ -12,7 +12,7 @@ use miette::{IntoDiagnostic, miette};
 use serde_json::Value;
 
 use crate::job::Job;
-use crate::session::{How, Recording, Session, Version};
+use crate::session::{How, Recording, Session, Version, private};
 use crate::stage::{self, Outcome};
 use crate::upload::{self, Kept};
 
@@ -88,7 +88,7 @@ impl Studio {
     /// # Errors
     /// If the folder cannot be created, or holds a session that cannot be read.
     pub fn open(folder: &Path) -> miette::Result<Self> {
-        std::fs::create_dir_all(folder).into_diagnostic()?;
+        private(folder).into_diagnostic()?;
         let folder = folder.canonicalize().into_diagnostic()?;
         let session = Session::read(&folder)?;
         upload::clean(&folder);
@@ -191,7 +191,7 @@ impl Studio {
                 let (name, content) = found.ok_or_else(|| miette!("there is no model of this name"))?;
                 self.idle()?;
                 let file = format!("models/{name}");
-                std::fs::create_dir_all(self.folder.join("models")).into_diagnostic()?;
+                private(&self.folder.join("models")).into_diagnostic()?;
                 file::replace_text(&self.folder.join(&file), content).into_diagnostic()?;
                 self.change(|s| {
                     begin_with(s, &file, "shipped");

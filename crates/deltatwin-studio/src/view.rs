@@ -101,6 +101,9 @@ fn channels(recording: &deltatwin::recording::Recording) -> Value {
     angles.chain(torques).collect()
 }
 
+/// Longest law that is looked at while it is typed, bytes.
+const LONGEST_LAW: usize = 4096;
+
 /// What is to be said about a typed law: the unit of its coefficient, or what is wrong and where (characters from, to).
 pub(crate) fn formula(studio: &Studio, at: &str, law: &str) -> Value {
     let session = studio.lock().session.clone();
@@ -110,6 +113,10 @@ pub(crate) fn formula(studio: &Studio, at: &str, law: &str) -> Value {
     let variables: Vec<&str> =
         Variable::names().filter(|name| Variable::named(name).is_some_and(|v| v.exists_on(machine))).collect();
     let known = json!({"places": places, "variables": variables});
+    if law.len() > LONGEST_LAW {
+        let problem = format!("is longer than {LONGEST_LAW} bytes; expected a shorter law");
+        return json!({"problem": problem, "from": 0, "to": 0, "known": known});
+    }
     let mut answer = match law::checked(machine, at, law) {
         Ok((_, _, unit)) => json!({"unit": unit.to_string()}),
         Err(e) => {
