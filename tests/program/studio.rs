@@ -203,6 +203,28 @@ fn it_ends_when_it_is_interrupted() {
     drop((upload, silent));
 }
 
+/// Two studios on one folder would overwrite each other's session; a killed one leaves the folder free.
+#[test]
+fn a_folder_is_open_once() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let first = Studio::open(folder.path());
+    let second = || {
+        Command::new(env!("CARGO_BIN_EXE_deltatwin"))
+            .args(["studio", &folder.path().display().to_string(), "--json"])
+            .output()
+            .unwrap()
+    };
+    let refused = second();
+    assert_eq!(refused.status.code(), Some(2));
+    let answer: Value = serde_json::from_slice(&refused.stdout).unwrap();
+    let message = answer["error"]["message"].as_str().unwrap();
+    assert!(message.contains(&format!("already open at http://{};", first.host)), "{message}");
+    assert!(!message.contains(&first.token));
+    drop(first);
+    assert_eq!(Studio::open(folder.path()).own("GET", "/api/state", b"").0, 200);
+}
+
 /// A request of another page changes nothing, though its address and token are right.
 #[test]
 fn a_page_of_another_server_changes_nothing() {
@@ -343,6 +365,56 @@ fn the_loop_goes_on_after_a_kill() {
     let command = kept["versions"][1]["command"].as_str().unwrap().replace("'", "");
     let words: Vec<&str> = command.split(' ').skip(1).filter(|w| *w != "--map" && !w.starts_with("tau1=")).collect();
     assert_eq!(words[..2], ["identify", "models/servo-axis.toml"], "{command}");
+}
+
+/// Results belong to their inputs: what comes back brings them back, and what a change does not touch stays.
+#[test]
+fn results_come_back_with_their_inputs() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let session = folder.path().join("session");
+    let csv = axis(folder.path());
+    let shorter = csv[..csv[..csv.len() / 2].iter().rposition(|byte| *byte == b'\n').unwrap() + 1].to_vec();
+    let studio = Studio::open(&session);
+    let drop_file = |name: &str, content: &[u8]| {
+        let (status, state) = studio.own("POST", &format!("/api/file?name={name}"), content);
+        assert_eq!(status, 200, "{state}");
+        state["session"].clone()
+    };
+    let part = |name: &str| studio.ask("GET", &format!("/api/stage?name={name}"), &[("x-token", &studio.token)], b"").1;
+    let stages = |session: &Value| session["stages"].as_object().unwrap().keys().cloned().collect::<Vec<_>>();
+    drop_file("axis.csv", &csv);
+    studio.act(json!({"do": "shipped", "model": "servo-axis.toml"}));
+    studio.done(json!({"do": "check"}));
+    studio.done(json!({"do": "fit"}));
+    let before = studio.done(json!({"do": "add", "effect": "drive_stribeck"}))["session"].clone();
+    let parts = ["check", "fit", "where", "add"].map(part);
+    assert_eq!(stages(&before), ["add", "check", "fit", "where"]);
+    let same = |now: &Value| {
+        for key in ["stages", "versions", "current", "basis"] {
+            assert_eq!(now[key], before[key], "{key}");
+        }
+        assert_eq!(["check", "fit", "where", "add"].map(part), parts);
+    };
+    // A recording that judges: the fit does not depend on it, all else does.
+    let more = drop_file("more.csv", &shorter);
+    assert_eq!((stages(&more), &more["recordings"][1]["held_out"]), (vec!["fit".to_string()], &json!(true)));
+    assert!(more["versions"][1]["errors"].is_null() && more["stages"]["fit"] == before["stages"]["fit"]);
+    studio.done(json!({"do": "check"}));
+    same(&studio.act(json!({"do": "leave_out", "recording": 1}))["session"]);
+    // The recording itself, taken out and dropped again; and once more, which changes nothing.
+    assert!(stages(&studio.act(json!({"do": "leave_out", "recording": 0}))["session"]).is_empty());
+    same(&drop_file("axis.csv", &csv));
+    same(&drop_file("axis.csv", &csv));
+    // Another reading, and the one of before.
+    assert!(stages(&studio.act(json!({"do": "read", "how": {"maps": ["tau1=-tau1"]}}))["session"]).is_empty());
+    same(&studio.act(json!({"do": "read", "how": {}}))["session"]);
+    // Another first model, and the one of before: its versions are there, the first is in use.
+    studio.act(json!({"do": "shipped", "model": "linear-delta.toml"}));
+    studio.act(json!({"do": "shipped", "model": "servo-axis.toml"}));
+    same(&studio.act(json!({"do": "version", "version": 2}))["session"]);
+    // A setup of a recording changes its results.
+    assert!(stages(&drop_file("axis.setup.toml", b"configuration = \"assembled\"\n")).is_empty());
 }
 
 #[test]

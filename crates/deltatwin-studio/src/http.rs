@@ -20,6 +20,7 @@ use tokio_stream::StreamExt;
 use tokio_stream::wrappers::WatchStream;
 
 use crate::server::{Answer, Listener, Request, answer, streamed};
+use crate::session::STAGES;
 use crate::studio::Studio;
 use crate::view;
 #[cfg(feature = "viewer")]
@@ -75,6 +76,7 @@ struct Desk {
 /// If the port is in use, or the system has no random numbers.
 pub fn serve(studio: Studio, port: u16) -> miette::Result<Server> {
     let listener = Listener::open(port).map_err(|e| miette!("127.0.0.1:{port}: {e}"))?;
+    studio.note(listener.address)?;
     let mut bytes = [0; 16];
     getrandom::fill(&mut bytes).map_err(|e| miette!("no random number: {e}"))?;
     let token = bytes.iter().map(|b| format!("{b:02x}")).collect();
@@ -242,14 +244,11 @@ impl Desk {
 
     /// The result of a stage as a part of a page.
     fn stage(&self, name: &str) -> Answer {
-        if !view::STAGES.contains(&name) {
+        if !STAGES.contains(&name) {
             return refusal(StatusCode::NOT_FOUND, "there is no such stage");
         }
-        let file = self.studio.folder().join("stages").join(format!("{name}.html"));
-        match std::fs::read_to_string(file) {
-            Ok(part) => text(part, HTML),
-            Err(_) => text("", HTML),
-        }
+        let part = self.studio.lock().session.part(self.studio.folder(), name);
+        text(part.and_then(|file| std::fs::read_to_string(file).ok()).unwrap_or_default(), HTML)
     }
 
     /// A file of the session to be kept.
