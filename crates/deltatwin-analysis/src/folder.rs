@@ -57,8 +57,7 @@ impl Input {
         } else {
             hash(file, &mut hasher)?
         };
-        let sha256 = hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
-        Ok(Self { role, file: file.into(), sha256, bytes })
+        Ok(Self { role, file: file.into(), sha256: hexadecimal(hasher), bytes })
     }
 
     /// All files of a run with their hashes: model, recordings, and the setups that were read with them.
@@ -85,6 +84,15 @@ impl Input {
     fn json(&self) -> Value {
         json!({"role": self.role, "file": self.file.display().to_string(), "sha256": self.sha256, "bytes": self.bytes})
     }
+}
+
+/// SHA-256 of a text, hexadecimal.
+pub fn sha256(text: &str) -> String {
+    hexadecimal(Sha256::new_with_prefix(text))
+}
+
+fn hexadecimal(hasher: Sha256) -> String {
+    hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Adds the content of a file to a hash; returns its size.
@@ -207,6 +215,7 @@ mod tests {
         assert_eq!(input.bytes, 3);
         // A bag's folder of that file alone has the same content.
         assert_eq!(Input::of("data", folder.path()).unwrap().sha256, input.sha256);
+        assert_eq!(sha256("abc"), input.sha256);
         assert!(Input::of("data", &folder.path().join("none")).is_err());
     }
 
