@@ -10,7 +10,6 @@ use deltatwin_io::file::WriteError;
 use deltatwin_io::recording::{Head, Recorder, clear_partial};
 
 use super::Job;
-use crate::terminal::interrupted;
 
 /// A run being received.
 pub struct Receiving<'a> {
