@@ -483,7 +483,8 @@ fn runs_have_names_of_their_own() {
         "\n[[objects]]\nname = \"block\"\nshape = \"box\"\nsize = [0.4, 0.4, 0.4]\nposition = [0.0, 0.0, -1.0]\n";
     let blocked = path(&folder, "blocked.toml");
     std::fs::write(&blocked, text.clone() + inside).unwrap();
-    let status = |files: &[&str]| run(&[&["simulate"], files, &["-o", &path(&folder, "mixed")]].concat()).status.code();
+    let status =
+        |files: &[&str]| run(&[&["simulate"][..], files, &["-o", &path(&folder, "mixed")]].concat()).status.code();
     assert_eq!(status(&[&blocked, &b]), Some(1));
     assert_eq!(status(&[&a, &blocked]), Some(2));
 }
