@@ -258,6 +258,7 @@ impl Conduct {
             controller_model: files.controller_model,
             scenario: files.scenario,
             base: files.folder,
+            nominal: files.nominal,
         })
     }
 

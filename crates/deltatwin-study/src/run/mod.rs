@@ -26,6 +26,7 @@ use std::path::PathBuf;
 use deltatwin::cell::CellError;
 use deltatwin::dynamics::Plant;
 use deltatwin::kinematics::motion::SOCKETS;
+use deltatwin::machine::Sockets;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::scenario::motion::MotionError;
@@ -50,6 +51,8 @@ pub struct Case {
     pub scenario: Scenario,
     /// Folder to which the file names of the scenario are relative.
     pub base: PathBuf,
+    /// Ball sockets as their thresholds are set at the machine, whatever their true hold.
+    pub nominal: Sockets,
 }
 
 /// What a run leaves besides its verdict.
@@ -416,8 +419,7 @@ fn judge(
         cause,
     };
     if let Some(failed) = time {
-        let plan = (motion, &case.believed());
-        verdict.supervision = supervision::notices(&case.model, &scenario.supervision, plan, report, failed);
+        verdict.supervision = supervision::notices(case, motion, report, failed);
     }
     verdict.fmea = fmea::row(case, &verdict);
     verdict

@@ -45,7 +45,7 @@ fn case(args: &Args) -> miette::Result<Case> {
     let machine = model::read(&scenario.model)?;
     let controller_model = scenario.controller_model.as_deref().map(model::read).transpose()?;
     let base = args.study.parent().unwrap_or(Path::new("")).to_path_buf();
-    Ok(Case { model: machine, controller_model, scenario, base })
+    Ok(Case { nominal: machine.sockets, model: machine, controller_model, scenario, base })
 }
 
 fn state(verdict: &Verdict) -> String {
