@@ -289,9 +289,20 @@ fn remedies_give_the_margin_they_promise_and_the_cheapest_comes_first() {
         // Run once more from the changed case, as a user would.
         let again = verdict(&remedy.case);
         assert_eq!(again, remedy.verdict);
-        assert!(again.survived && again.margin_of(CauseKind::Socket).unwrap() >= 0.1, "{}", remedy.what);
+        assert!(again.survived && again.margin >= 0.1, "{}", remedy.what);
         let kept = again.picks_per_minute().unwrap() / advice.before.picks_per_minute().unwrap();
         approx::assert_relative_eq!(1.0 - kept, remedy.cost.unwrap(), epsilon = 1e-12);
+    }
+    // A margin that no change gives, and one that the telescope limits: everything has what is listed.
+    let given = advice.before.margin_of(CauseKind::Telescope).unwrap();
+    for wanted in [0.95, given + 0.02] {
+        let advice = advise::advise(&case, None, wanted).unwrap();
+        println!("{wanted:.3}: {:?}", advice.refused);
+        assert!(advice.remedies.iter().all(|r| r.verdict.survived && r.verdict.margin >= wanted));
+        assert_eq!(advice.best.is_some(), advice.remedies.is_empty());
+        if let Some(best) = advice.best {
+            assert!(best.margin < wanted && best.margin > advice.before.margin, "{best:?}");
+        }
     }
     // Half the speed: the path takes twice as long and has the same places.
     let slow = advise::slower(&case, 0.5);

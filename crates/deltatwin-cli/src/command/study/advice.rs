@@ -77,6 +77,18 @@ fn print(args: &Args, advice: &Advice) -> miette::Result<()> {
     if !advice.remedies.is_empty() {
         say(table)?;
     }
+    if let Some(best) = advice.best.as_ref().filter(|_| advice.before.margin < advice.wanted) {
+        say(wrapped(
+            &format!(
+                "Nothing that was tried reaches the wanted margin, {}, against every cause; the best, {}, reaches {}: {}.",
+                advice.wanted,
+                best.what,
+                significant(best.margin, 3),
+                best.cause
+            ),
+            0,
+        ))?;
+    }
     for reason in &advice.refused {
         say(wrapped(&format!("no help, {reason}"), 2))?;
     }
@@ -122,5 +134,6 @@ fn as_json(advice: &Advice) -> Value {
         "wanted": advice.wanted,
         "remedies": advice.remedies.iter().map(remedy).collect::<Vec<_>>(),
         "refused": advice.refused,
+        "best": advice.best.as_ref().map(|b| json!({ "what": b.what, "margin": b.margin, "cause": b.cause })),
     })
 }
