@@ -119,13 +119,9 @@ fn main() -> Result<()> {
         let scenario = scenario::read_with(&file, Access::with(deltatwin_cell::mesh::read))?;
         let controller_model = scenario.controller_model.as_deref().map(model::read).transpose()?;
         let base = file.parent().unwrap_or(Path::new(".")).to_path_buf();
-        let case = Case {
-            model: model::read(&scenario.model)?,
-            controller_model,
-            scenario,
-            base,
-            after_landing: AFTER_LANDING,
-        };
+        let model = model::read(&scenario.model)?;
+        let case =
+            Case { nominal: model.sockets, model, controller_model, scenario, base, after_landing: AFTER_LANDING };
         let outcome = run(&case, Keep::Recording).into_diagnostic()?;
         let verdict = &outcome.verdict;
         let picks = verdict.picks_per_minute().map_or(String::new(), |p| format!(", {p:.1} picks per minute"));

@@ -712,6 +712,9 @@ mod tests {
         assert_eq!(weak.scenario.sockets.wear[6..8], [0.25, 0.25]);
         assert_eq!(weak.scenario.sockets.wear[0], 0.0);
         assert_eq!(2.0 * weak.model.sockets.dislocation_force, whole.model.sockets.dislocation_force);
+        // What is known at the machine does not follow the factor.
+        let known = [&weak, &whole].map(|files| files.nominal.dislocation_force);
+        assert_eq!(known, [whole.model.sockets.dislocation_force; 2]);
         assert_eq!(whole.controller_model.unwrap().name, weak.controller_model.unwrap().name);
         let wrong = study.files(&[Setting::Number(1e6)], None).map(|_| ()).unwrap_err();
         assert_eq!(wrong, "`payload.mass` is 1000000; expected a number from 0 to 100 kg");

@@ -259,6 +259,7 @@ impl Conduct {
             scenario: files.scenario,
             base: files.folder,
             after_landing: self.study.after_landing.unwrap_or(AFTER_LANDING),
+            nominal: files.nominal,
         })
     }
 

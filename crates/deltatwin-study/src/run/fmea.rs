@@ -24,7 +24,11 @@ pub fn row(case: &Case, verdict: &Verdict) -> Fmea {
         cause: cause(case, verdict),
         local: local(verdict),
         end: end(verdict),
-        detection: noticed.map_or_else(|| "nothing notices it".into(), |n| n.what.clone()),
+        detection: match noticed {
+            None => "nothing notices it".into(),
+            Some(n) if n.lead.is_none() => format!("only afterwards: {}", n.what),
+            Some(n) => n.what.clone(),
+        },
         lead: noticed.and_then(|n| n.lead),
     }
 }

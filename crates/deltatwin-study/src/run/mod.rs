@@ -26,6 +26,7 @@ use std::path::PathBuf;
 
 use deltatwin::dynamics::Plant;
 use deltatwin::kinematics::motion::SOCKETS;
+use deltatwin::machine::Sockets;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::scenario::motion::MotionError;
@@ -52,6 +53,8 @@ pub struct Case {
     pub base: PathBuf,
     /// Time for which a broken robot is followed on once its load has landed, s; [`AFTER_LANDING`] unless stated.
     pub after_landing: f64,
+    /// Ball sockets as their thresholds are set at the machine, whatever their true hold.
+    pub nominal: Sockets,
 }
 
 /// What a run leaves besides its verdict.
@@ -485,8 +488,7 @@ fn judge(case: &Case, motion: &DesiredMotion, mut margins: Margins, seen: Seen) 
         cause,
     };
     if let Some(failed) = time {
-        let plan = (motion, &case.believed());
-        verdict.supervision = supervision::notices(&case.model, &scenario.supervision, plan, report, failed);
+        verdict.supervision = supervision::notices(case, motion, report, failed);
     }
     verdict.fmea = fmea::row(case, &verdict);
     verdict

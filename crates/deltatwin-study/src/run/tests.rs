@@ -22,8 +22,10 @@ const SCENARIOS: &str = "../../scenarios";
 fn case(text: &str) -> Case {
     let base = Path::new(SCENARIOS);
     let scenario = scenario::parse(text, &base.join("test.toml")).unwrap();
+    let model = model::read(&scenario.model).unwrap();
     Case {
-        model: model::read(&scenario.model).unwrap(),
+        nominal: model.sockets,
+        model,
         controller_model: None,
         scenario,
         base: base.into(),
@@ -35,13 +37,8 @@ fn shipped(name: &str) -> Case {
     let base = Path::new(SCENARIOS);
     let scenario = scenario::read(&base.join(format!("{name}.toml"))).unwrap();
     let controller_model = scenario.controller_model.as_ref().map(|path| model::read(path).unwrap());
-    Case {
-        model: model::read(&scenario.model).unwrap(),
-        controller_model,
-        scenario,
-        base: base.into(),
-        after_landing: AFTER_LANDING,
-    }
+    let model = model::read(&scenario.model).unwrap();
+    Case { nominal: model.sockets, model, controller_model, scenario, base: base.into(), after_landing: AFTER_LANDING }
 }
 
 fn verdict(case: &Case) -> Verdict {
@@ -190,9 +187,39 @@ fn a_crash_is_a_contact_and_then_sockets() {
     assert!((2.0..30.0).contains(&energy), "{energy}");
     assert!(verdict.fmea.cause.contains("platform at block on the path") && verdict.fmea.end.contains("falls"));
     // Nobody looks ahead: the trip comes after the socket.
-    assert!(verdict.supervision.iter().any(|n| n.what.contains("as a socket has left") && n.lead.unwrap() < 0.0));
+    let after = |n: &Notice| n.time > verdict.time && n.lead.is_none();
+    assert!(verdict.supervision.iter().any(|n| n.what.contains("as a socket has left") && after(n)));
     let margins: Vec<_> = verdict.margins.iter().map(|m| m.cause.kind).collect();
     assert_eq!(margins[0], CauseKind::Contact);
+}
+
+/// What is watched as `what`, in words, with the time of the notice.
+fn noticed<'a>(verdict: &'a Verdict, what: &str) -> &'a Notice {
+    verdict.supervision.iter().find(|n| n.what.contains(what)).unwrap()
+}
+
+#[test]
+fn the_whole_plan_is_known_before_the_start_and_thresholds_are_nominal() {
+    // A worn cup leaves its ball early, the plan needs most later: the threshold, 0.8 · 260 N, is in between.
+    let mut case = carrying(3.0);
+    case.scenario.sockets.wear[11] = 0.75;
+    case.nominal.dislocation_force = 260.0;
+    let worn = verdict(&case);
+    let (_, force) = by_inverse_dynamics(&case);
+    let failed = worn.time.unwrap();
+    let mut early = case.clone();
+    early.scenario.duration = failed;
+    let (_, until) = by_inverse_dynamics(&early);
+    println!("fails at {failed:.3} s: plan {until:.0} N until then, {force:.0} N as a whole");
+    assert!(until < 208.0 && force > 208.0, "{until} {force}");
+    let plan = noticed(&worn, "strut forces of the plan above 208 N");
+    assert_eq!((plan.time, plan.lead), (Some(0.0), Some(failed)));
+    assert!(worn.fmea.detection.contains("plan") && worn.fmea.lead == Some(failed), "{:?}", worn.fmea);
+    // Nobody at the machine knows that the cups hold less than they should.
+    case.model.sockets.dislocation_force *= 0.4;
+    let weak = verdict(&case);
+    assert!(!weak.survived && noticed(&weak, "strut force sensors above 208 N").lead.is_none_or(|lead| lead >= 0.0));
+    assert!(weak.supervision.iter().all(|n| n.lead.is_none_or(|lead| lead >= 0.0)), "{:?}", weak.supervision);
 }
 
 #[test]
@@ -273,9 +300,20 @@ fn remedies_give_the_margin_they_promise_and_the_cheapest_comes_first() {
         // Run once more from the changed case, as a user would.
         let again = verdict(&remedy.case);
         assert_eq!(again, remedy.verdict);
-        assert!(again.survived && again.margin_of(CauseKind::Socket).unwrap() >= 0.1, "{}", remedy.what);
+        assert!(again.survived && again.margin >= 0.1, "{}", remedy.what);
         let kept = again.picks_per_minute().unwrap() / advice.before.picks_per_minute().unwrap();
         approx::assert_relative_eq!(1.0 - kept, remedy.cost.unwrap(), epsilon = 1e-12);
+    }
+    // A margin that no change gives, and one that the telescope limits: everything has what is listed.
+    let given = advice.before.margin_of(CauseKind::Telescope).unwrap();
+    for wanted in [0.95, given + 0.02] {
+        let advice = advise::advise(&case, None, wanted).unwrap();
+        println!("{wanted:.3}: {:?}", advice.refused);
+        assert!(advice.remedies.iter().all(|r| r.verdict.survived && r.verdict.margin >= wanted));
+        assert_eq!(advice.best.is_some(), advice.remedies.is_empty());
+        if let Some(best) = advice.best {
+            assert!(best.margin < wanted && best.margin > advice.before.margin, "{best:?}");
+        }
     }
     // Half the speed: the path takes twice as long and has the same places.
     let slow = advise::slower(&case, 0.5);

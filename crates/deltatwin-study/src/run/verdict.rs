@@ -108,7 +108,7 @@ pub struct Notice {
     pub stated: bool,
     /// Time of the first sample beyond the threshold, s; `None` if it was never exceeded.
     pub time: Option<f64>,
-    /// Time from there to the failure, s; negative if it is noticed afterwards only.
+    /// Time from there to the failure, s; `None` if it is noticed afterwards only, or never.
     pub lead: Option<f64>,
 }
 
@@ -142,7 +142,7 @@ pub struct Fmea {
     pub end: String,
     /// Supervision that notices it first.
     pub detection: String,
-    /// Time from there to the failure, s; negative: after it.
+    /// Time from there to the failure, s; `None` if it is noticed afterwards only, or never.
     pub lead: Option<f64>,
 }
 
