@@ -6,8 +6,8 @@ mod show;
 
 use std::path::PathBuf;
 
+use crate::broker::{Access, Given};
 use crate::data::{Outside, positive};
-use deltatwin_watch::mqtt::Address;
 
 /// Look at a recording in Rerun: the moving robot, measured and predicted torques; or send it to a broker.
 ///
@@ -34,10 +34,12 @@ pub struct Args {
     viewer: super::view::LiveView,
     /// Broker to publish the samples at, instead of writing a file.
     #[arg(long, value_name = "URL", requires = "topic", conflicts_with = "output")]
-    pub mqtt: Option<Address>,
+    pub mqtt: Option<Given>,
     /// Topic of the samples.
     #[arg(long, value_name = "TOPIC", requires = "mqtt")]
     pub topic: Option<String>,
+    #[command(flatten)]
+    pub access: Access,
     /// Seconds of the recording per second, to the broker or with --live.
     #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = positive)]
     pub speed: f64,
