@@ -46,6 +46,7 @@ const ALONE: &[(&str, &str)] = &[
     ("rapier3d", "deltatwin-cell"),
     ("rumqttc-v4-next", "deltatwin-watch"),
     ("rusqlite", "deltatwin-io"),
+    ("rustls", "deltatwin-watch"),
     ("toml", "deltatwin-io"),
     ("toml_edit", "deltatwin-io"),
     ("yaml-rust2", "deltatwin-io"),

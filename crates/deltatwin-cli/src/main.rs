@@ -1,6 +1,8 @@
 //! The `deltatwin` command line.
 
 mod arguments;
+#[cfg(feature = "watch")]
+mod broker;
 mod command;
 mod data;
 mod kind;
@@ -29,8 +31,15 @@ fn main() -> ExitCode {
             if let Some(expected) = expected_number(&usage).map(str::to_string).or_else(|| needs_a_feature(&usage)) {
                 usage.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![expected.into()]));
             }
+            // The parser repeats what it does not know, such as an address at a wrong place with its password.
+            let text = usage.render().to_string();
+            let shown = terminal::without_login(&text);
             if as_json && usage.use_stderr() {
-                print_json_error(json!({ "message": usage.render().to_string().trim(), "causes": [], "help": null }));
+                print_json_error(json!({ "message": shown.trim(), "causes": [], "help": null }));
+            }
+            if usage.use_stderr() && shown != text {
+                terminal::complain(shown.trim_end());
+                return ExitCode::from(terminal::BAD_INPUT);
             }
             usage.exit()
         }

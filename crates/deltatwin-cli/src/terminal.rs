@@ -26,7 +26,7 @@ pub use bars::error_bars;
 pub use deltatwin_analysis::json::{estimates, insert_channels, path};
 use text::FIRM;
 use text::harmless;
-pub use text::{WIDTH, command, grouped, hanging, wrapped};
+pub use text::{WIDTH, command, grouped, hanging, without_login, wrapped};
 
 /// Exit status: success.
 pub const DONE: u8 = 0;
@@ -186,7 +186,7 @@ pub fn origin_of(stage: &str, files: &[(&'static str, &Path)]) -> miette::Result
         Input::of(role, file).into_diagnostic().wrap_err_with(|| format!("{}: cannot be read", file.display()))
     };
     Ok(Origin {
-        command: std::iter::once("deltatwin".to_string()).chain(rest).collect(),
+        command: std::iter::once("deltatwin".to_string()).chain(rest.map(|word| without_login(&word))).collect(),
         stage: stage.into(),
         version: env!("CARGO_PKG_VERSION").into(),
         date: today(),

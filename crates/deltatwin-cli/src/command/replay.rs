@@ -7,9 +7,9 @@ mod show;
 
 use std::path::PathBuf;
 
-use crate::data::{Outside, positive};
 #[cfg(feature = "watch")]
-use deltatwin_watch::mqtt::Address;
+use crate::broker::{Access, Given};
+use crate::data::{Outside, positive};
 
 /// Look at a recording in Rerun: the moving robot, measured and predicted torques; or send it to a broker.
 ///
@@ -37,11 +37,14 @@ pub struct Args {
     /// Broker to publish the samples at, instead of writing a file.
     #[cfg(feature = "watch")]
     #[arg(long, value_name = "URL", requires = "topic", conflicts_with = "output")]
-    pub mqtt: Option<Address>,
+    pub mqtt: Option<Given>,
     /// Topic of the samples.
     #[cfg(feature = "watch")]
     #[arg(long, value_name = "TOPIC", requires = "mqtt")]
     pub topic: Option<String>,
+    #[cfg(feature = "watch")]
+    #[command(flatten)]
+    pub access: Access,
     /// Seconds of the recording per second, to the broker or with --live.
     #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = positive)]
     pub speed: f64,

@@ -12,7 +12,7 @@ mod preview;
 mod recorder;
 pub mod setup;
 
-pub use bag::{JointSample, Tail};
+pub use bag::{JointSample, Tail, begins_mcap};
 pub use columns::Mapping;
 pub use error::ReadError;
 pub use preview::{Preview, PreviewColumn, preview};

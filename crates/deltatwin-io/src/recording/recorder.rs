@@ -59,7 +59,7 @@ impl Recorder {
             let names = [setup::sidecar(growing.partial()), setup::sidecar(target)];
             setup::write_beside(head.setup, head.mechanism, &names[0])?;
             sidecars = Some(names);
-            Format::Csv(csv::Writer::new(growing.appender()))
+            Format::Csv(csv::Writer::new(growing.appender(), head.start.unwrap_or(0)))
         };
         Ok(Self { growing, target: target.into(), format, sidecars, is_empty: true })
     }

@@ -1,36 +1,53 @@
 //! The recording of a watch.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-
-use miette::IntoDiagnostic;
 
 use crate::terminal::warn;
 use deltatwin::machine::{Mechanism, Setup};
 use deltatwin::monitoring::{Sample, recording_of};
 use deltatwin::recording::Context;
 use deltatwin_io::recording::{Head, Recorder};
+use deltatwin_watch::stamped::SECOND;
 
 /// Time after which what was appended is handed to the disk: a killed watch loses no more.
 const KEPT: Duration = Duration::from_millis(500);
+/// Time from which the seconds of a recording count at the latest, ns since 1970: those of ROS 2 end in 2038.
+const LATEST: i64 = 2_000_000_000 * SECOND;
 
 /// A recording being written.
 pub struct Tape {
+    file: PathBuf,
     recorder: Recorder,
     mechanism: Mechanism,
     setup: Setup,
     kept: Instant,
+    is_empty: bool,
+}
+
+fn begun(file: &Path, mechanism: Mechanism, setup: &Setup, start: Option<i64>) -> miette::Result<Recorder> {
+    Ok(Recorder::create(file, &Head { mechanism, start, setup, context: &Context::default() })?)
 }
 
 impl Tape {
     /// Begins the recording of a machine.
     pub fn create(file: &Path, mechanism: Mechanism, setup: &Setup) -> miette::Result<Self> {
-        let head = Head { mechanism, start: None, setup, context: &Context::default() };
-        let recorder = Recorder::create(file, &head).into_diagnostic()?;
+        let recorder = begun(file, mechanism, setup, None)?;
         if recorder.partial() != file {
             warn(&[format!("until the end, the recording is {}", recorder.partial().display())]);
         }
-        Ok(Self { recorder, mechanism, setup: *setup, kept: Instant::now() })
+        Ok(Self { file: file.into(), recorder, mechanism, setup: *setup, kept: Instant::now(), is_empty: true })
+    }
+
+    /// The recording of samples whose times count from `origin`, ns on the machine's clock; before the first sample.
+    pub fn since(self, origin: i64) -> miette::Result<Self> {
+        if !self.is_empty || !(1..LATEST).contains(&origin) {
+            return Ok(self);
+        }
+        // Of a recording without a sample, nothing is left.
+        self.recorder.finish()?;
+        let recorder = begun(&self.file, self.mechanism, &self.setup, Some(origin))?;
+        Ok(Self { recorder, ..self })
     }
 
     /// Appends samples in order of time.
@@ -38,8 +55,9 @@ impl Tape {
         if samples.is_empty() {
             return Ok(());
         }
+        self.is_empty = false;
         let signals = recording_of(samples, self.mechanism, &self.setup).signals;
-        self.recorder.append(&signals, &[], &[], &[]).into_diagnostic()
+        Ok(self.recorder.append(&signals, &[], &[], &[])?)
     }
 
     /// Makes sure, every half second, that everything so far is on the disk.
@@ -48,11 +66,11 @@ impl Tape {
             return Ok(());
         }
         self.kept = Instant::now();
-        self.recorder.keep().into_diagnostic()
+        Ok(self.recorder.keep()?)
     }
 
     /// Completes the recording.
     pub fn finish(self) -> miette::Result<()> {
-        self.recorder.finish().into_diagnostic()
+        Ok(self.recorder.finish()?)
     }
 }

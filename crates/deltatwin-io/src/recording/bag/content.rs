@@ -195,11 +195,18 @@ impl Content {
         self.told.join(", ") + &if more > 0 { format!(" and {more} more") } else { String::new() }
     }
 
-    /// Sorts the messages of every stream by log time.
-    pub fn sort(&mut self) {
+    /// Sorts the messages of every stream by log time, unless they are in order by their stamps; returns the number of
+    /// those that were not at their place.
+    pub fn sort(&mut self) -> usize {
+        let mut moved = 0;
         for Stream { times, messages, .. } in &mut self.streams {
-            if times.is_sorted() {
+            if times.is_sorted() || matches!(messages, Messages::States(states) if states.is_sorted()) {
                 continue;
+            }
+            let mut latest = 0;
+            for &time in times.iter() {
+                moved += usize::from(time < latest);
+                latest = latest.max(time);
             }
             let mut order: Vec<usize> = (0..times.len()).collect();
             order.sort_by_key(|&i| times[i]);
@@ -210,5 +217,6 @@ impl Content {
                 Messages::Contacts(all) => *all = order.iter().map(|&i| std::mem::take(&mut all[i])).collect(),
             }
         }
+        moved
     }
 }
