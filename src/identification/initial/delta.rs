@@ -241,6 +241,7 @@ impl Own<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::machine::Mechanism;
     use crate::model::testing::irb360;
 
     #[test]
