@@ -86,6 +86,8 @@ pub struct Healthy {
     energies: Vec<f64>,
     /// RMS residual of each channel, N·m or N.
     pub rms: Vec<f64>,
+    /// RMS of the means of the residual of each channel over 20 ms, N·m or N.
+    pub rms_of_means: Vec<f64>,
     /// Number of windows it was learned from.
     pub windows: usize,
     /// Last blocks of the previous window.
@@ -120,6 +122,7 @@ impl Healthy {
         let all = |c: usize| -> Vec<f64> { windows.iter().flat_map(|w| &w.residual[c]).copied().collect() };
         let mut healthy = Self {
             rms: (0..channels.len()).map(|c| rms(&all(c))).collect(),
+            rms_of_means: (0..channels.len()).map(|c| rms(&series(c))).collect(),
             windows: windows.len(),
             tail: vec![Vec::new(); channels.len()],
             centres: vec![0.0; channels.len()],

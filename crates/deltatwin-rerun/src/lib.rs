@@ -4,6 +4,7 @@ pub mod ghost;
 pub mod replay;
 pub mod scene;
 pub mod show;
+mod sigma;
 pub mod stream;
 pub mod watch;
 pub mod web;

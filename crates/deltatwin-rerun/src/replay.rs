@@ -8,6 +8,7 @@ use nalgebra::Isometry3;
 
 use crate::ghost;
 use crate::scene::{self, After, Assets, Live, Scene, Series, Viewer, measured, write_rrd};
+use crate::sigma::{BLOCK, LEGEND, in_sigma, means};
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::{Dataset, Residuals, predict};
 use deltatwin::kinematics::motion::SOCKETS;
@@ -19,8 +20,6 @@ use deltatwin::recording::{Contact, Contacts, Recording};
 use deltatwin::twin::Clamps;
 use deltatwin_io::outside::Access;
 
-/// Frame rate of the moving robot, Hz.
-const FRAMES: f64 = 50.0;
 /// Duration of a piece of a stream, s: what it adds to the latency.
 const PIECE: f64 = 0.05;
 /// Duration of a piece that is streamed as fast as it goes, s.
@@ -91,22 +90,18 @@ impl Replay<'_> {
         let left = Residuals::of(&dataset, &predicted);
         let later = self.beside.map(|model| Residuals::new(model, std::slice::from_ref(&dataset))).transpose();
         let later = later.into_diagnostic()?;
-        let stride = dataset.stride(1.0 / FRAMES);
-        let frames: Vec<usize> = (0..dataset.len()).step_by(stride).collect();
+        // One frame per mean of the residual.
+        let block = dataset.stride(BLOCK);
+        let sigma = dataset.noise_of_means(self.model, block);
+        let frames: Vec<usize> = (0..dataset.len()).step_by(block).collect();
         let times: Vec<f64> = frames.iter().map(|&k| dataset.t[k]).collect();
         let poses = frames.iter().map(|&k| plant.motion(&dataset.joints[k]).map(|m| m.shown(plant.mechanism)));
         let poses = poses.collect::<Result<Vec<_>, _>>().into_diagnostic()?;
-        // Mean over a frame, which reduces the noise of single samples.
-        let mean = |series: &[f64], k: usize| {
-            let window = k.saturating_sub(stride / 2)..(k + stride / 2 + 1).min(series.len());
-            series[window.clone()].iter().sum::<f64>() / window.len() as f64
-        };
         let axes = plant.mechanism.axes();
-        let means = |residuals: &Residuals| -> Vec<Vec<f64>> {
-            let of = |i: usize| frames.iter().map(|&k| mean(&residuals.series[0][i], k)).collect();
-            (0..axes).map(of).collect()
+        let averaged = |residuals: &Residuals| -> Vec<Vec<f64>> {
+            residuals.series[0][..axes].iter().map(|series| means(series, &frames, block)).collect()
         };
-        let (before, after) = (means(&left), later.as_ref().map(means));
+        let (before, after) = (averaged(&left), later.as_ref().map(averaged));
         let mut series = Vec::new();
         let unit = plant.mechanism.unit(Unit::NM);
         for i in 0..axes {
@@ -114,8 +109,7 @@ impl Replay<'_> {
                 let path = format!("residual/axis{}/{name}", i + 1);
                 series.push(Series::new(path, times.to_vec(), values, color, format!("{label} [{unit}]")));
             };
-            // Of white noise averaged over a frame.
-            let band = BAND * noise[i] / (stride as f64).sqrt();
+            let band = BAND * sigma[i];
             for (name, sign) in [("noise_above", 1.0), ("noise_below", -1.0)] {
                 add(name, &times, vec![sign * band; times.len()], NOISE, "2 σ of the noise in it");
             }
@@ -142,12 +136,11 @@ impl Replay<'_> {
         let beside = self.beside.map(|model| Plant::new(model, &self.recording.setup)).zip(after);
         let ghosts = Ghosts::of(plant, &times, &joints, &rows(&before))?;
         let after = beside.map(|(later, means)| {
-            let means = rows(&means);
-            let ghost = ghosts.beside(&later, &means)?;
-            Ok::<_, miette::Report>(After { residual: in_sigma(&means, &noise), ghost: Some(ghost) })
+            let ghost = ghosts.beside(&later, &rows(&means))?;
+            Ok::<_, miette::Report>(After { residual: in_sigma(&means, &sigma), ghost: Some(ghost) })
         });
         let mut scene = Scene::new(plant.mechanism, &plant.geometry, times.clone(), poses);
-        scene.residual = Some(in_sigma(&rows(&before), &noise));
+        scene.residual = Some(in_sigma(&before, &sigma));
         scene.used = used(self.model, plant, &dataset, &frames).into_diagnostic()?;
         scene.series = series;
         scene.text = Some(self.text(&left, later.as_ref(), &noise, unit) + &ghosts.text());
@@ -173,12 +166,6 @@ impl Replay<'_> {
         }
         text + LEGEND + if self.contacts.is_empty() { "" } else { ARROWS }
     }
-}
-
-/// Residuals in standard deviations of the noise.
-fn in_sigma(residual: &[[f64; AXES]], noise: &[f64]) -> Vec<[f64; AXES]> {
-    let sigma = |r: &[f64; AXES], i: usize| noise.get(i).map_or(0.0, |noise| r[i] / noise.max(f64::MIN_POSITIVE));
-    residual.iter().map(|r| std::array::from_fn(|i| if i < noise.len() { sigma(r, i) } else { 0.0 })).collect()
 }
 
 /// Where the models would be, see [`ghost`].
@@ -217,11 +204,6 @@ impl<'a> Ghosts<'a> {
         )
     }
 }
-
-/// What the colours mean.
-pub(crate) const LEGEND: &str = "\n**Colours.** Arms, telescope and trail: residual over 20 ms, green within the noise, \
-    yellow at 3.5 σ, red from 6 σ. Struts and cups: load against hold, grey up to a half, yellow at three quarters, red at \
-    the limit; a strut that is off is red.\n";
 
 /// What the arrows are.
 pub(crate) const ARROWS: &str = "\n**Arrows**: contact forces on the robot, 2 mm per N.\n";

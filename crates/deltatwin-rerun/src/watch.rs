@@ -5,8 +5,8 @@
 
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
-use crate::replay::LEGEND;
 use crate::scene::{Assets, Level, Live, Note, Scene, Series, Viewer, drives, socket_margins};
+use crate::sigma::{BLOCK, LEGEND, in_sigma, means};
 use deltatwin::dynamics::Plant;
 use deltatwin::machine::{AXES, Setup, Unit};
 use deltatwin::model::Model;
@@ -49,7 +49,7 @@ impl Broadcast {
         Ok(Self { queue })
     }
 
-    /// Shows a window, with the RMS of the healthy residual of each channel, if it is known.
+    /// Shows a window, with the healthy RMS of each channel's means over 20 ms, if it is known.
     pub fn observed(&self, observation: &Observation, healthy: &[f64]) {
         // Dropped while the viewer is slow, and for good once it is gone.
         self.queue.try_send(Update::Window(Box::new((observation.clone(), healthy.to_vec())))).ok();
@@ -108,10 +108,10 @@ impl Shown {
                 let path = format!("residual/axis{}/{name}", i + 1);
                 series.push(Series::new(path, times.to_vec(), values, color, format!("{label} [{unit}]")));
             };
-            add("mean", means[i].clone(), MEAN, "mean over a frame");
+            add("mean", means[i].clone(), MEAN, "mean over 20 ms");
             let band = healthy.get(i).copied().unwrap_or(0.0);
             for (name, sign) in [("usual_above", 2.0), ("usual_below", -2.0)] {
-                add(name, vec![sign * band; times.len()], USUAL, "twice the healthy RMS");
+                add(name, vec![sign * band; times.len()], USUAL, "twice the healthy RMS of it");
             }
         }
         series
@@ -128,13 +128,8 @@ impl Shown {
             .collect();
         let Some(poses) = poses else { return self.layout(name) };
         let times: Vec<f64> = frames.iter().map(|&k| dataset.t[k]).collect();
-        let mean = |series: &Vec<f64>, k: usize| {
-            let range = k..(k + stride).min(series.len());
-            series[range.clone()].iter().sum::<f64>() / range.len().max(1) as f64
-        };
-        let axes = self.plant.mechanism.axes();
-        let means: Vec<Vec<f64>> =
-            (0..axes).map(|i| frames.iter().map(|&k| mean(&window.residual[i], k)).collect()).collect();
+        let (axes, block) = (self.plant.mechanism.axes(), dataset.stride(BLOCK));
+        let means: Vec<Vec<f64>> = window.residual[..axes].iter().map(|series| means(series, &frames, block)).collect();
         let mut scene = Scene::new(self.plant.mechanism, &self.plant.geometry, times.clone(), poses);
         scene.eventful = true;
         scene.assets = Some(&self.assets);
@@ -147,11 +142,7 @@ impl Shown {
             let of = |k: &usize| dataset.joints[*k].q[i];
             (frames.iter().map(|&k| dataset.measured[i][k]).collect(), frames.iter().map(of).collect())
         }));
-        let sigma = |f: usize, i: usize| match healthy.get(i) {
-            Some(usual) if *usual > 0.0 && i < axes => means[i][f] / usual,
-            _ => 0.0,
-        };
-        scene.residual = Some((0..frames.len()).map(|f| std::array::from_fn(|i| sigma(f, i))).collect());
+        scene.residual = Some(in_sigma(&means, healthy));
         if let Some(loads) = &window.loads {
             scene.series.push(socket_margins(&[window.t[1]], &[loads.margin]));
             scene.used = Some(vec![self.clamps.used(&loads.margin); frames.len()]);

@@ -7,10 +7,8 @@ use nalgebra::{Translation3, Vector3};
 
 use super::tree::{Freedom, Joint, Link, Loop, Tree};
 use super::xml::Element;
-use super::{about_centre, identifier};
+use super::{identifier, stated};
 
-/// Least mass (kg) and moment of inertia (kg·m²) of a moving body; MuJoCo has none without.
-const LEAST: [f64; 2] = [1e-9, 1e-12];
 /// Impedance of the closures, as close to a rigid joint as MuJoCo allows.
 const IMPEDANCE: [f64; 5] = [0.9999, 0.9999, 0.001, 0.5, 2.0];
 
@@ -98,14 +96,10 @@ fn turned(element: Element, kind: &str, axis: &Vector3<f64>) -> Element {
 }
 
 fn inertial(inertia: &Inertia) -> Element {
-    let [least_mass, least_moment] = LEAST;
-    let element = Element::new("inertial");
-    if inertia.mass < least_mass {
-        return element.with("pos", "0 0 0").numbers("mass", &[least_mass]).numbers("diaginertia", &[least_moment; 3]);
-    }
-    let (centre, tensor) = about_centre(inertia);
+    let (mass, centre, tensor) = stated(inertia);
     let six = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].map(|place| tensor[place]);
-    element.numbers("pos", centre.iter()).numbers("mass", &[inertia.mass]).numbers("fullinertia", &six)
+    let element = Element::new("inertial").numbers("pos", centre.iter());
+    element.numbers("mass", &[mass]).numbers("fullinertia", &six)
 }
 
 fn geom(shape: &Cylinder) -> Element {

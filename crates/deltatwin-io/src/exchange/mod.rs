@@ -95,10 +95,20 @@ pub fn export(model: &Model, setup: &Setup, format: Format) -> Result<Exported, 
     Ok(Exported { text, left_out, links: tree.links.len(), loops: tree.loops.len(), mass })
 }
 
-/// Centre of mass (m) and inertia tensor about it (kg·m²) of a body with mass, in the axes of its frame.
-fn about_centre(inertia: &Inertia) -> (Vector3<f64>, Matrix3<f64>) {
+/// Least mass (kg) and principal moment of inertia (kg·m²) of a moving link: MuJoCo and others refuse links without.
+const LEAST: [f64; 2] = [1e-9, 1e-12];
+
+/// Mass (kg), centre of mass (m) and inertia tensor about it (kg·m²) of a link, in the axes of its frame: those of the
+/// body, or the [`LEAST`] where it has none, as the flange without a mass or a strut about its own axis.
+fn stated(inertia: &Inertia) -> (f64, Vector3<f64>, Matrix3<f64>) {
+    let [least_mass, least_moment] = LEAST;
+    if inertia.mass < least_mass {
+        return (least_mass, Vector3::zeros(), Matrix3::from_diagonal_element(least_moment));
+    }
     let centre = inertia.first_moment / inertia.mass;
-    (centre, inertia.seen_from(&-centre).tensor)
+    let tensor = inertia.seen_from(&-centre).tensor;
+    let lacking = (least_moment - tensor.symmetric_eigenvalues().min()).max(0.0);
+    (inertia.mass, centre, tensor + Matrix3::from_diagonal_element(lacking))
 }
 
 /// `name` in characters that every program accepts.

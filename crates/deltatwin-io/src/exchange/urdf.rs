@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::tree::{Freedom, Joint, Link, Loop, Tree};
 use super::xml::Element;
-use super::{about_centre, identifier};
+use super::{identifier, stated};
 
 /// Name of the link at the inertial frame.
 const BASE: &str = "base";
@@ -30,7 +30,7 @@ struct Step<'a> {
     of: &'a Joint,
 }
 
-/// The joints of a link with links without mass between them, then the link.
+/// The joints of a link with links of the least mass between them, then the link.
 fn carried(root: Element, tree: &Tree, link: &Link) -> Element {
     let mut parent = link.parent.map_or(BASE.to_string(), |p| tree.links[p].name.clone());
     let mut origin = link.origin;
@@ -41,7 +41,7 @@ fn carried(root: Element, tree: &Tree, link: &Link) -> Element {
         let is_last = k + 1 == steps.len() && !is_offset;
         let child = if is_last { link.name.clone() } else { format!("{}_link", step.name) };
         let inner = Element::new("link").with("name", &*child);
-        root = root.and(if is_last { filled(inner, link) } else { inner });
+        root = root.and(if is_last { filled(inner, link) } else { inner.and(inertial(&Inertia::ZERO)) });
         root = root.and(moving(step, [&parent, &child], &origin));
         (parent, origin) = (child, Isometry3::identity());
     }
@@ -124,17 +124,16 @@ fn limited(element: Element, slides: bool, joint: &Joint) -> Element {
 
 /// A link with its inertia and shape.
 fn filled(element: Element, link: &Link) -> Element {
-    let element = if link.inertia.mass > 0.0 { element.and(inertial(&link.inertia)) } else { element };
-    element.all(link.shape.iter().map(visual))
+    element.and(inertial(&link.inertia)).all(link.shape.iter().map(visual))
 }
 
 fn inertial(inertia: &Inertia) -> Element {
-    let (centre, tensor) = about_centre(inertia);
+    let (mass, centre, tensor) = stated(inertia);
     let places = [("ixx", (0, 0)), ("ixy", (0, 1)), ("ixz", (0, 2)), ("iyy", (1, 1)), ("iyz", (1, 2)), ("izz", (2, 2))];
     let moments = places.iter().fold(Element::new("inertia"), |e, (name, place)| e.numbers(name, &[tensor[*place]]));
     Element::new("inertial")
         .and(Element::new("origin").numbers("xyz", centre.iter()).with("rpy", "0 0 0"))
-        .and(Element::new("mass").numbers("value", &[inertia.mass]))
+        .and(Element::new("mass").numbers("value", &[mass]))
         .and(moments)
 }
 
@@ -146,7 +145,7 @@ fn visual(shape: &Cylinder) -> Element {
         .and(Element::new("geometry").and(cylinder))
 }
 
-/// The two ends of a loop as links without mass, and the joint between them for programs that know `loop_joint`.
+/// The two ends of a loop as links of the least mass, and the joint between them for programs that know `loop_joint`.
 fn ends(root: Element, tree: &Tree, closed: &Loop) -> Element {
     let names = [0, 1].map(|end| tree.links[closed.links[end]].name.clone());
     let mut root = root;
@@ -155,7 +154,8 @@ fn ends(root: Element, tree: &Tree, closed: &Loop) -> Element {
         let (point, child) = (closed.points[end], format!("{}_{}", closed.name, ["cup", "ball"][end]));
         let at = Isometry3::translation(point.x, point.y, point.z);
         let fixed = placed(&format!("{child}_mount"), "fixed", [&names[end], &child], &at);
-        root = root.and(Element::new("link").with("name", &*child)).and(fixed);
+        let frame = Element::new("link").with("name", &*child).and(inertial(&Inertia::ZERO));
+        root = root.and(frame).and(fixed);
         let placed = Element::new(key).with("link", &*names[end]).numbers("xyz", point.iter()).with("rpy", "0 0 0");
         loop_joint = loop_joint.and(placed);
     }

@@ -20,8 +20,8 @@ pub struct Scene<'a> {
     pub machine: Mechanism,
     /// Geometry of the robot.
     pub geometry: &'a Geometry,
-    /// Torque residual per frame and axis, in standard deviations of the sensor noise; colours arms and telescope from
-    /// green (noise) to red (6 σ).
+    /// Mean torque residual over 20 ms per frame and axis, in standard deviations σ of the noise of such a mean; colours
+    /// arms and telescope from green (1 σ) to red (6 σ).
     pub residual: Option<Vec<[f64; AXES]>>,
     /// Other poses of the robot, one set per frame, that are shown as a ghost where they differ.
     pub ghost: Option<Vec<[Isometry3<f64>; BODIES]>>,

@@ -119,7 +119,7 @@ fn strain(usual: [u8; 3], used: f64) -> [u8; 3] {
     std::array::from_fn(|c| mix(stops[i][c], stops[i + 1][c]))
 }
 
-/// Colour of a residual: green within the noise, yellow at 3.5 σ, red from 6 σ.
+/// Colour of a residual: green up to 1 σ, yellow at 3.5 σ, red from 6 σ.
 pub(super) fn heat(sigma: f64) -> [u8; 3] {
     let stops = [[70.0, 170.0, 90.0], [240.0, 200.0, 60.0], [215.0, 50.0, 45.0]];
     let x = if sigma.is_finite() { (sigma.abs() - 1.0).clamp(0.0, 5.0) / 2.5 } else { 2.0 };

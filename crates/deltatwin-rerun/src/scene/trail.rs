@@ -14,7 +14,8 @@ use deltatwin::machine::{AXES, Geometry};
 /// Time that the trail of a stream goes back, s.
 const BACK: f64 = 2.0;
 /// Residuals in the legend, standard deviations, and what it says.
-const LEGEND: [(f64, &str); 3] = [(1.0, "residual: noise"), (3.5, "3.5 σ"), (6.0, "6 σ and more")];
+const LEGEND: [(f64, &str); 3] =
+    [(1.0, "mean residual over 20 ms: up to 1 σ of it"), (3.5, "3.5 σ"), (6.0, "6 σ and more")];
 /// Length of a line of the legend and distance between two, m.
 const LINE: (f32, f32) = (0.06, 0.07);
 

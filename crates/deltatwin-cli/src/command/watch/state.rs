@@ -81,7 +81,7 @@ impl<'a> State<'a> {
         source.publish("residual", &residual)?;
         #[cfg(feature = "viewer")]
         if let Some(viewer) = &self.viewer {
-            viewer.observed(observation, healthy.map_or(&[], |h| &h.rms));
+            viewer.observed(observation, healthy.map_or(&[], |h| &h.rms_of_means));
         }
         if let Some(loads) = &window.loads {
             self.loads(loads, source)?;
