@@ -5,8 +5,10 @@ use std::time::{Duration, Instant};
 
 use crate::terminal::warn;
 use deltatwin::machine::{Mechanism, Setup};
+use deltatwin::model::Model;
 use deltatwin::monitoring::{Sample, recording_of};
 use deltatwin::recording::Context;
+use deltatwin::twin::origin::{Links, measured};
 use deltatwin_io::recording::{Head, Recorder};
 use deltatwin_watch::stamped::SECOND;
 
@@ -21,22 +23,35 @@ pub struct Tape {
     recorder: Recorder,
     mechanism: Mechanism,
     setup: Setup,
+    context: Context,
+    links: Links,
     kept: Instant,
     is_empty: bool,
 }
 
-fn begun(file: &Path, mechanism: Mechanism, setup: &Setup, start: Option<i64>) -> miette::Result<Recorder> {
-    Ok(Recorder::create(file, &Head { mechanism, start, setup, context: &Context::default() })?)
+fn begun(
+    file: &Path,
+    mechanism: Mechanism,
+    setup: &Setup,
+    context: &Context,
+    start: Option<i64>,
+) -> miette::Result<Recorder> {
+    Ok(Recorder::create(file, &Head { mechanism, start, setup, context })?)
 }
 
 impl Tape {
-    /// Begins the recording of a machine.
-    pub fn create(file: &Path, mechanism: Mechanism, setup: &Setup) -> miette::Result<Self> {
-        let recorder = begun(file, mechanism, setup, None)?;
+    /// Begins the recording of the machine of `model`.
+    pub fn create(file: &Path, model: &Model, setup: &Setup) -> miette::Result<Self> {
+        let mechanism = model.mechanism;
+        // Without the address of the source, which may contain a password.
+        let name = model.path.as_deref().and_then(Path::file_name).unwrap_or_default().to_string_lossy();
+        let context = measured(&format!("deltatwin watch {name}"), Some(model), setup);
+        let recorder = begun(file, mechanism, setup, &context, None)?;
         if recorder.partial() != file {
             warn(&[format!("until the end, the recording is {}", recorder.partial().display())]);
         }
-        Ok(Self { file: file.into(), recorder, mechanism, setup: *setup, kept: Instant::now(), is_empty: true })
+        let (links, kept) = (Links::new(model, setup), Instant::now());
+        Ok(Self { file: file.into(), recorder, mechanism, setup: *setup, context, links, kept, is_empty: true })
     }
 
     /// The recording of samples whose times count from `origin`, ns on the machine's clock; before the first sample.
@@ -46,7 +61,7 @@ impl Tape {
         }
         // Of a recording without a sample, nothing is left.
         self.recorder.finish()?;
-        let recorder = begun(&self.file, self.mechanism, &self.setup, Some(origin))?;
+        let recorder = begun(&self.file, self.mechanism, &self.setup, &self.context, Some(origin))?;
         Ok(Self { recorder, ..self })
     }
 
@@ -57,7 +72,8 @@ impl Tape {
         }
         self.is_empty = false;
         let signals = recording_of(samples, self.mechanism, &self.setup).signals;
-        Ok(self.recorder.append(&signals, &[], &[], &[])?)
+        let poses = self.links.poses(&signals);
+        Ok(self.recorder.append(&signals, &poses, &[], &[])?)
     }
 
     /// Makes sure, every half second, that everything so far is on the disk.
