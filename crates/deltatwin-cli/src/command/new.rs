@@ -23,6 +23,7 @@ const TEMPLATES: [&str; 2] =
 
 /// Write a first model from recordings alone.
 #[derive(clap::Args, Clone, Debug)]
+#[command(after_help = "Example: deltatwin new axis run.csv -o axis.toml")]
 pub struct Args {
     #[command(subcommand)]
     machine: Machine,
