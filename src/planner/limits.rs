@@ -71,12 +71,23 @@ impl Limits {
     pub(super) fn usable(&self) -> [f64; QUANTITIES] {
         let share = 1.0 - self.margin;
         std::array::from_fn(|k| match Limit::affine(k) {
-            Limit::Acceleration(i) => self.acceleration[i],
-            Limit::Torque(i) => share * self.torque[i],
-            Limit::LambdaE(i) => share * if i < 2 { self.bearing_moment } else { self.bearing_force },
-            Limit::LambdaP(_) => share * self.strut_lower,
-            _ => share * self.strut_upper,
+            limit @ Limit::Acceleration(_) => self.value(limit),
+            limit => share * self.value(limit),
         })
+    }
+
+    /// Value of a limit, without the margin, in the unit of [`Limit::unit`].
+    pub fn value(&self, limit: Limit) -> f64 {
+        match limit {
+            Limit::Speed(i) => self.speed[i],
+            Limit::Acceleration(i) => self.acceleration[i],
+            Limit::Jerk(i) => self.jerk[i],
+            Limit::Torque(i) => self.torque[i],
+            Limit::LambdaE(0 | 1) => self.bearing_moment,
+            Limit::LambdaE(_) => self.bearing_force,
+            Limit::LambdaP(_) => self.strut_lower,
+            Limit::LambdaS(_) => self.strut_upper,
+        }
     }
 }
 

@@ -1,13 +1,18 @@
 //! Execution of the planned motion by the twin: planned and executed torques, strut forces, acceleration (Figs. 16,
 //! 17 of the paper).
 
+use std::collections::BTreeMap;
+
+use super::{Limit, Limits};
+use crate::constraint_forces::{Detail, constraint_forces};
 use crate::dynamics::Plant;
+use crate::kinematics::JointState;
 use crate::machine::{AXES, STRUTS};
 use crate::model::Model;
 use crate::recording::{Recording, Signals};
 use crate::scenario::motion::table::Table;
 use crate::scenario::{DesiredMotion, Sensors};
-use crate::twin::{Clamps, Event, NewContacts, Options, SimulationError, simulate};
+use crate::twin::{Clamps, Event, EventKind, NewContacts, Options, SimulationError, simulate};
 
 /// Executed motion and its deviations from the plan.
 pub struct Execution {
@@ -25,6 +30,47 @@ pub struct Execution {
     pub margin: f64,
     /// Events of the simulation.
     pub events: Vec<Event>,
+    /// Largest magnitude of each load up to the first dislocation, in the unit of [`Limit::unit`]: torques and strut
+    /// forces as executed, loads on the end effector's bearing from the executed motion.
+    pub peaks: BTreeMap<Limit, f64>,
+}
+
+/// A load above its limit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Violation {
+    /// The limit.
+    pub limit: Limit,
+    /// Largest magnitude of the load, in the unit of [`Limit::unit`].
+    pub value: f64,
+    /// What is allowed, without the margin.
+    pub allowed: f64,
+}
+
+impl std::fmt::Display for Violation {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { limit, value, allowed } = self;
+        write!(f, "{limit} comes to {value:.1} of {allowed:.1} {}", limit.unit())
+    }
+}
+
+/// Relative excess over a limit that is rounding: a torque is clipped at its limit.
+const ROUNDING: f64 = 1e-9;
+
+impl Execution {
+    /// Torques and constraint forces above their `limits`. The margin does not count: it is there for the difference of
+    /// plan and execution.
+    pub fn violations(&self, limits: &Limits) -> Vec<Violation> {
+        let of = |(&limit, &value): (&Limit, &f64)| {
+            let allowed = limits.value(limit);
+            (value > (1.0 + ROUNDING) * allowed).then_some(Violation { limit, value, allowed })
+        };
+        self.peaks.iter().filter_map(of).collect()
+    }
+
+    /// Whether the machine executes the plan within `limits`, with every socket on its ball and without an event.
+    pub fn is_within(&self, limits: &Limits) -> bool {
+        self.margin > 0.0 && self.events.is_empty() && self.violations(limits).is_empty()
+    }
 }
 
 /// Simulated time after the planned end, s.
@@ -58,7 +104,13 @@ pub fn execute(
         duration: end + SETTLING_TIME,
         substeps: 2,
         noise_seed: None,
-        sensors: Sensors { strut_upper: all, strut_lower: all, ..Sensors::default() },
+        sensors: Sensors {
+            strut_upper: all,
+            strut_lower: all,
+            velocity: true,
+            acceleration: true,
+            ..Sensors::default()
+        },
         clamps: Some(Clamps { armed: true, ..Clamps::watched(&machine.sockets) }),
         contacts,
         ..Options::default()
@@ -83,7 +135,41 @@ pub fn execute(
         differ(&mut a.iter().zip(&b).map(|(a, b)| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()));
     let peak_strut = got.strut_upper.iter().flatten().flatten().fold(0.0f64, |m, f| m.max(f.abs()));
     let margin = report.min_margin.into_iter().fold(f64::INFINITY, f64::min);
-    Ok(Execution { torque, strut, acceleration, peak_strut, margin, events: report.events, recording })
+    let peaks = peaks(machine, &recording, &report.events);
+    Ok(Execution { torque, strut, acceleration, peak_strut, margin, events: report.events, peaks, recording })
+}
+
+/// Largest magnitude of each load of an execution up to the first dislocation.
+fn peaks(machine: &Model, recording: &Recording, events: &[Event]) -> BTreeMap<Limit, f64> {
+    let plant = Plant::new(machine, &recording.setup);
+    let signals = &recording.signals;
+    let end = events.iter().find(|e| e.kind == EventKind::Dislocation).map_or(f64::INFINITY, |e| e.t);
+    let mut peaks = BTreeMap::new();
+    for k in (0..signals.len()).take_while(|&k| signals.t[k] < end) {
+        let mut add = |limit: Limit, value: f64| {
+            let peak = peaks.entry(limit).or_insert(0.0);
+            *peak = f64::max(*peak, value.abs());
+        };
+        (0..AXES).for_each(|i| add(Limit::Torque(i), signals.tau[k][i]));
+        for s in 0..STRUTS {
+            signals.strut_lower[s].iter().for_each(|force| add(Limit::LambdaP(s), force[k]));
+            signals.strut_upper[s].iter().for_each(|force| add(Limit::LambdaS(s), force[k]));
+        }
+        if let Some(bearing) = bearing(&plant, signals, k) {
+            bearing.into_iter().enumerate().for_each(|(i, load)| add(Limit::LambdaE(i), load));
+        }
+    }
+    peaks
+}
+
+/// λ_E of the executed motion at sample `k`; `None` where the assembled machine cannot be.
+fn bearing(plant: &Plant, signals: &Signals, k: usize) -> Option<[f64; 5]> {
+    let (qd, qdd) = (signals.qd.as_ref()?[k], signals.qdd.as_ref()?[k]);
+    let motion = plant.motion(&JointState { q: signals.q[k], qd, qdd }).ok()?;
+    let own = plant.steady_states(signals.t[k], &motion);
+    let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
+    let forces = constraint_forces(plant, signals.t[k], &motion, &states, Detail::Complete).ok()?;
+    Some(forces.lambda_e)
 }
 
 /// Acceleration of the platform by central differences of its position at all inner samples, m/s²; empty without a

@@ -114,11 +114,12 @@ fn headline(report: &mut Report, page: &PlanPage) {
         "The twin executes it: strut forces up to {:.1} N, least margin of a socket {:.1} N.",
         execution.peak_strut, execution.margin
     );
-    if execution.margin > 0.0 && execution.events.is_empty() {
-        report.callout(Callout::Good, &text);
+    if execution.is_within(&task.limits) {
+        report.callout(Callout::Good, &(text + " Every limit holds."));
     } else {
+        let violated = execution.violations(&task.limits).into_iter().map(|v| format!("\nLimit violated: {v}."));
         let events = execution.events.iter().map(|e| format!("\n{:.6} s {}: {}", e.t, e.kind.name(), e.what));
-        report.callout(Callout::Bad, &(text + &events.collect::<String>()));
+        report.callout(Callout::Bad, &(text + &violated.chain(events).collect::<String>()));
     }
 }
 

@@ -43,7 +43,8 @@ pub struct Args {
     /// Page to write, .html: the time, the limits that set it, the motion and its execution.
     #[arg(long, value_name = "PAGE")]
     pub report: Option<PathBuf>,
-    /// Model file of a machine; the twin executes the plan on it, with feed-forward of MODEL.
+    /// Model file of a machine; the twin executes the plan on it, with feed-forward of MODEL; exit status 1 if it
+    /// exceeds a limit there or an event occurs.
     #[arg(long, value_name = "MODEL2")]
     pub twin: Option<PathBuf>,
     /// Tighten the bound on the time with jerk limits; takes seconds.
@@ -113,11 +114,15 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     };
     let written = write(args, &page)?;
     if args.json {
-        say(to_json(args, &found, &planned, execution.as_ref(), &notes, wall))?;
+        let mut out = to_json(args, &found, &planned, &notes, wall);
+        if let Some(execution) = &execution {
+            out["execution"] = executed(execution, &task.limits);
+        }
+        say(out)?;
     } else {
         print(args, &task, &found, execution.as_ref(), &written)?;
     }
-    Ok(DONE)
+    Ok(if execution.is_none_or(|e| e.is_within(&task.limits)) { DONE } else { BAD_ANSWER })
 }
 
 /// Writes the figures and the page; returns their files.
@@ -148,14 +153,7 @@ fn seconds() -> f64 {
     BEGUN.get_or_init(Instant::now).elapsed().as_secs_f64()
 }
 
-fn to_json(
-    args: &Args,
-    found: &Plan,
-    planned: &Recording,
-    execution: Option<&Execution>,
-    notes: &[String],
-    wall: f64,
-) -> Value {
+fn to_json(args: &Args, found: &Plan, planned: &Recording, notes: &[String], wall: f64) -> Value {
     let violation: Map<String, Value> = found
         .worst()
         .into_iter()
@@ -167,7 +165,7 @@ fn to_json(
         .into_iter()
         .map(|(limit, [from, to])| json!({ "s": from, "to": to, "limit": limit.to_string() }))
         .collect();
-    let mut out = json!({
+    json!({
         "path": path(&args.path),
         "time": found.time,
         "max_violation": violation,
@@ -187,22 +185,27 @@ fn to_json(
         "active": active,
         "samples": planned.signals.len(),
         "trajectory": args.output.as_deref().map_or(Value::Null, path),
-    });
-    if let Some(e) = execution {
-        let pairs = |values: &[[f64; 2]], k: usize| -> Vec<f64> { values.iter().map(|v| v[k]).collect() };
-        out["execution"] = json!({
-            "torque_rms": pairs(&e.torque, 0),
-            "torque_max": pairs(&e.torque, 1),
-            "strut_rms": pairs(&e.strut, 0),
-            "strut_max": pairs(&e.strut, 1),
-            "acceleration_rms": e.acceleration[0],
-            "acceleration_max": e.acceleration[1],
-            "peak_strut_force": e.peak_strut,
-            "min_socket_margin": e.margin,
-            "events": e.events.iter().map(|e| json!({ "t": e.t, "kind": e.kind.name(), "what": e.what })).collect::<Vec<_>>(),
-        });
-    }
-    out
+    })
+}
+
+/// What the twin makes of the plan.
+fn executed(e: &Execution, limits: &Limits) -> Value {
+    let pairs = |values: &[[f64; 2]], k: usize| -> Vec<f64> { values.iter().map(|v| v[k]).collect() };
+    let violated = e.violations(limits).into_iter();
+    let violated = violated.map(|v| json!({ "limit": v.limit.to_string(), "value": v.value, "allowed": v.allowed }));
+    json!({
+        "torque_rms": pairs(&e.torque, 0),
+        "torque_max": pairs(&e.torque, 1),
+        "strut_rms": pairs(&e.strut, 0),
+        "strut_max": pairs(&e.strut, 1),
+        "acceleration_rms": e.acceleration[0],
+        "acceleration_max": e.acceleration[1],
+        "peak_strut_force": e.peak_strut,
+        "min_socket_margin": e.margin,
+        "within_limits": e.is_within(limits),
+        "violated": violated.collect::<Vec<_>>(),
+        "events": e.events.iter().map(|e| json!({ "t": e.t, "kind": e.kind.name(), "what": e.what })).collect::<Vec<_>>(),
+    })
 }
 
 /// Prints the bounds on the time.
@@ -268,6 +271,9 @@ fn print(
         row("  strut forces", &e.strut, "N")?;
         row("  accelerations", &[e.acceleration], "m/s²")?;
         say(format!("    strut forces up to {:.1} N, least margin of a socket {:.1} N", e.peak_strut, e.margin))?;
+        for violation in e.violations(&task.limits) {
+            say(format!("    limit violated: {violation}"))?;
+        }
         for event in &e.events {
             say(format!("    {:9.6} s  {}: {}", event.t, event.kind.name(), event.what))?;
         }
