@@ -71,7 +71,11 @@ impl Outcome {
 impl Task {
     /// A command on the model in use and the session's recordings, in the folder of the session.
     fn command(&self, name: &str, first: &[&str], more: &[&str]) -> String {
-        let file = self.session.versions[self.version].file.as_str();
+        self.command_on(&self.session.versions[self.version].file, name, first, more)
+    }
+
+    /// A command on the model `file` and the session's recordings, in the folder of the session.
+    fn command_on(&self, file: &str, name: &str, first: &[&str], more: &[&str]) -> String {
         let mut words: Vec<String> = ["deltatwin", name, file].iter().chain(first).map(|w| w.to_string()).collect();
         words.extend(self.session.inputs(Path::new("")).map(|i| i.words()).unwrap_or_default());
         words.extend(more.iter().map(|w| w.to_string()));
@@ -213,7 +217,7 @@ pub(crate) fn fit(task: &Task, job: &Job) -> miette::Result<Outcome> {
     job.at(0.6, "where it fails");
     let next = task.session.versions.len();
     result.version = next;
-    let located = locate_in(task, &found.fitted.model, next, "identified")?;
+    let located = locate_in(task, &found.fitted.model, next, &version)?;
     let provenance = task.provenance("identify", &found.fitted.parameters);
     Ok(Outcome {
         stages: vec![("fit", result, json, report), located],
@@ -225,16 +229,16 @@ pub(crate) fn fit(task: &Task, job: &Job) -> miette::Result<Outcome> {
 /// Where the model in use fails.
 pub(crate) fn locate(task: &Task, job: &Job) -> miette::Result<Outcome> {
     job.at(0.2, "residuals");
-    let name = task.session.versions[task.version].what.clone();
-    let located = locate_in(task, &task.model, task.version, &name)?;
+    let located = locate_in(task, &task.model, task.version, &task.session.versions[task.version])?;
     let errors = vec![(task.version, task.errors_of(&task.model)?)];
     Ok(Outcome { stages: vec![located], model: None, errors })
 }
 
 type Located = (&'static str, StageResult, Value, Report);
 
-/// Where a model fails: its residuals beside those of the first version and the one before it.
-fn locate_in(task: &Task, model: &Model, version: usize, name: &str) -> miette::Result<Located> {
+/// Where the model of the version `version`, described by `what`, fails: its residuals next to those of the first version
+/// and the one before it.
+fn locate_in(task: &Task, model: &Model, version: usize, what: &Version) -> miette::Result<Located> {
     let comparison = compare(model, &task.data.datasets, &task.data.held_out).into_diagnostic()?;
     let mut earlier = task.session.chain();
     earlier.retain(|k| *k != version);
@@ -248,7 +252,7 @@ fn locate_in(task: &Task, model: &Model, version: usize, name: &str) -> miette::
         models.push((known.what.clone(), model::read(&task.folder.join(&known.file))?));
     }
     let mut stages: Vec<Drawn> = models.iter().map(|(name, model)| Drawn { name, model }).collect();
-    stages.push(Drawn { name, model });
+    stages.push(Drawn { name: &what.what, model });
     let mut report = Report::new("", "");
     page::findings(&mut report, &comparison, "Where the model fails");
     page::residuals(&mut report, &stages, &task.data, &comparison.noise_floor).into_diagnostic()?;
@@ -256,7 +260,8 @@ fn locate_in(task: &Task, model: &Model, version: usize, name: &str) -> miette::
         Some((channel, ratio)) => format!("{}: {} times the noise.", channel.title(), significant(ratio, 3)),
         None => "The noise is not known.".into(),
     };
-    let mut result = task.result(true, message, task.command("compare", &[], &["--report", "where.html"]));
+    let command = task.command_on(&what.file, "compare", &[], &["--report", "where.html"]);
+    let mut result = task.result(true, message, command);
     result.version = version;
     Ok(("where", result, compared::json(&comparison, &[]), report))
 }
@@ -337,7 +342,7 @@ pub(crate) fn add(task: &Task, job: &Job, effect: &str, laws: &[String]) -> miet
     result.version = next;
     let json = added::json(&a, Some(Path::new(&version.file)));
     job.at(0.7, "where it fails");
-    let located = locate_in(task, &a.fit.model, next, &version.what)?;
+    let located = locate_in(task, &a.fit.model, next, &version)?;
     let provenance = task.provenance("add", &a.fit.parameters);
     Ok(Outcome {
         stages: vec![("add", result, json, report), located],
