@@ -32,7 +32,7 @@ pub const PAGE: &str = "report.html";
 /// A file that went into a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Input {
-    /// `model`, `data`, `held_out` or `setup`.
+    /// `model`, `data`, `held_out`, `setup`, or what else a command reads, as `later model`.
     pub role: &'static str,
     /// The file as given.
     pub file: PathBuf,

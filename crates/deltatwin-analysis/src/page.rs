@@ -107,7 +107,8 @@ pub fn of_comparison(
     data: &Data,
     origin: &Origin,
 ) -> Result<Report, FitError> {
-    let mut page = begin(&format!("{} compared with what was measured", model.name), data, origin);
+    let title = format!("{} compared with what was measured", model.name);
+    let mut page = dated(&title, compared_with(data), origin);
     let rms = c.held_out_rms.as_ref().unwrap_or(&c.rms);
     let held_out = c.held_out_rms.is_some();
     let mut models = vec![Stage { name: "model", model }];
@@ -204,12 +205,29 @@ pub fn of_addition(a: &Addition, model: &Model, data: &Data, origin: &Origin) ->
 
 const BUDGET: &str = "What the noise leaves, what each added effect explains, and what nothing explains yet, as shares of the mean square.";
 
+fn names(all: &[Dataset]) -> String {
+    all.iter().map(|t| t.name.clone()).collect::<Vec<_>>().join(", ")
+}
+
+/// A page of results that were fitted to the data.
 fn begin(title: &str, data: &Data, origin: &Origin) -> Report {
-    let names = |all: &[Dataset]| all.iter().map(|t| t.name.clone()).collect::<Vec<_>>().join(", ");
     let mut subtitle = format!("fitted to {}", names(&data.datasets));
     if !data.held_out.is_empty() {
         subtitle += &format!("; judged by {}, which the fit has not seen", names(&data.held_out));
     }
+    dated(title, subtitle, origin)
+}
+
+/// The recordings of a comparison, which fits nothing.
+fn compared_with(data: &Data) -> String {
+    let mut text = format!("recorded in {}", names(&data.datasets));
+    if !data.held_out.is_empty() {
+        text += &format!("; held out: {}", names(&data.held_out));
+    }
+    text
+}
+
+fn dated(title: &str, mut subtitle: String, origin: &Origin) -> Report {
     if !origin.date.is_empty() {
         subtitle += &format!(" · {}", origin.date);
     }

@@ -182,17 +182,22 @@ pub fn origin(stage: &str, model: Option<&Path>, inputs: &Inputs, warnings: &[St
 /// If a file cannot be read.
 pub fn origin_of(stage: &str, files: &[(&'static str, &Path)]) -> miette::Result<Origin> {
     let rest = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
-    let input = |(role, file): &(&'static str, &Path)| {
-        Input::of(role, file).into_diagnostic().wrap_err_with(|| format!("{}: cannot be read", file.display()))
-    };
     Ok(Origin {
         command: std::iter::once("deltatwin".to_string()).chain(rest).collect(),
         stage: stage.into(),
         version: env!("CARGO_PKG_VERSION").into(),
         date: today(),
-        inputs: files.iter().map(input).collect::<miette::Result<_>>()?,
+        inputs: files.iter().map(|(role, file)| input(role, file)).collect::<miette::Result<_>>()?,
         ..Origin::default()
     })
+}
+
+/// A file that went into results, with its `role` and hash.
+///
+/// # Errors
+/// If it cannot be read.
+pub fn input(role: &'static str, file: &Path) -> miette::Result<Input> {
+    Input::of(role, file).into_diagnostic().wrap_err_with(|| format!("{}: cannot be read", file.display()))
 }
 
 /// Rows of text in aligned columns; the first column is left-aligned.

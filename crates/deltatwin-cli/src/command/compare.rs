@@ -7,7 +7,7 @@ use miette::{IntoDiagnostic, WrapErr};
 use crate::command::gate::guard;
 use crate::data::{Data, DataArgs, positive};
 use crate::report::{check_report, write_report};
-use crate::terminal::{BAD_ANSWER, DONE, Table, check_output, origin, say, spinner, warn, write_figure};
+use crate::terminal::{BAD_ANSWER, DONE, Table, check_output, input, origin, say, spinner, warn, write_figure};
 use deltatwin::comparison::{Comparison, compare};
 use deltatwin::model::Model;
 use deltatwin_analysis::page;
@@ -63,7 +63,10 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let beside = beside.as_ref().map(|model| (&name[..], model));
     draw(args, &model, beside, &data, &comparison.noise_floor)?;
     write_report(args.report.as_deref(), args.json, || {
-        let origin = origin("compare", Some(&args.model), &args.data.inputs(), &data.warnings)?;
+        let mut origin = origin("compare", Some(&args.model), &args.data.inputs(), &data.warnings)?;
+        origin
+            .inputs
+            .extend(args.beside.iter().map(|file| input("later model", file)).collect::<miette::Result<Vec<_>>>()?);
         page::of_comparison(&comparison, &model, beside, &data, &origin).into_diagnostic()
     })?;
     let Some(most) = args.fail_above else { return Ok(DONE) };
