@@ -1,23 +1,28 @@
-//! Provenance of a simulated recording and data for its display: the [`Context`] of its bag.
+//! Provenance of a simulated or measured recording and data for its display: the [`Context`] of its bag.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::{ContactBody, Event, EventKind, Frame, Options, Report};
 use crate::cell::urdf;
-use crate::machine::Mechanism;
+use crate::dynamics::Plant;
+use crate::kinematics::JointState;
 use crate::machine::bodies::{ROTOR, TELESCOPE_UPPER, body_name};
+use crate::machine::{Mechanism, Setup};
 use crate::model::Model;
-use crate::recording::{Attachment, Contact, Contacts, Context, Level, Note, Poses};
+use crate::recording::{Attachment, Contact, Contacts, Context, Level, Note, Poses, Recording, Signals};
 use crate::scenario::Scenario;
+
+/// Time between the poses of a measurement, s, as between the frames of a simulated run.
+const PERIOD: f64 = 0.01;
+/// Time by which a pose may be early, s: times of a bag are rounded to nanoseconds.
+const EARLY: f64 = 1e-9;
 
 /// Provenance known before a run: program, files and seed, with the contents of the files.
 ///
 /// `text` is the content of the scenario's `file`, which is attached. Files are named without folders, so that the same
 /// run produces the same bytes in any folder.
 pub fn origin(scenario: &Scenario, (file, text): (&Path, Option<&str>), machine: &Model, planning: &Model) -> Context {
-    let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let model_name = |model: &Model| model.path.as_deref().map_or(model.name.clone(), name);
     let mut command = format!("deltatwin simulate {}", name(file));
     if machine.path.as_ref().is_some_and(|p| *p != scenario.model) {
         command += &format!(" --model {}", model_name(machine));
@@ -32,11 +37,6 @@ pub fn origin(scenario: &Scenario, (file, text): (&Path, Option<&str>), machine:
         ("seed".into(), scenario.seed.to_string()),
         ("time".into(), "t = 0 is a fixed instant, not the time of the simulation".into()),
     ]);
-    let toml = |name: String, text: &str| Attachment {
-        name,
-        media_type: "application/toml".into(),
-        content: text.as_bytes().to_vec(),
-    };
     let mut attachments = Vec::new();
     if let Some(text) = text {
         attachments.push(toml(name(file), text));
@@ -48,6 +48,78 @@ pub fn origin(scenario: &Scenario, (file, text): (&Path, Option<&str>), machine:
         }
     }
     Context { provenance, attachments, description: urdf(machine), ..Context::default() }
+}
+
+fn name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn model_name(model: &Model) -> String {
+    model.path.as_deref().map_or(model.name.clone(), name)
+}
+
+fn toml(name: String, text: &str) -> Attachment {
+    Attachment { name, media_type: "application/toml".into(), content: text.as_bytes().to_vec() }
+}
+
+/// What is known before the first sample of a recording that `command` writes: program and command; of the machine of
+/// `model`, if it is known, also the model file and, assembled as in `setup`, the URDF.
+pub fn measured(command: &str, model: Option<&Model>, setup: &Setup) -> Context {
+    let facts = [("program", "deltatwin"), ("version", env!("CARGO_PKG_VERSION")), ("command", command)];
+    let mut provenance: BTreeMap<String, String> = facts.map(|(key, fact)| (key.into(), fact.into())).into();
+    let Some(model) = model else { return Context { provenance, ..Context::default() } };
+    provenance.insert("model".into(), model_name(model));
+    let attachments = model.source.iter().map(|text| toml(model_name(model), text)).collect();
+    let description = Plant::new(model, setup).assembled.then(|| urdf(model)).flatten();
+    Context { provenance, attachments, description, ..Context::default() }
+}
+
+/// The [`measured()`] context of a whole recording, with the poses of the links.
+pub fn of_recording(command: &str, model: Option<&Model>, recording: &Recording) -> Context {
+    let poses = model.map(|model| Links::new(model, &recording.setup).poses(&recording.signals));
+    Context { poses: poses.unwrap_or_default(), ..measured(command, model, &recording.setup) }
+}
+
+/// Poses of a machine's links along measured angles, piece by piece.
+pub struct Links {
+    plant: Plant,
+    /// Time of the next pose, s.
+    due: f64,
+}
+
+impl Links {
+    /// Links of the machine of `model` in `setup`.
+    pub fn new(model: &Model, setup: &Setup) -> Self {
+        Self { plant: Plant::new(model, setup), due: f64::NEG_INFINITY }
+    }
+
+    /// Poses every 10 ms along the next samples; none of a disassembled machine, nor at angles that it cannot have.
+    pub fn poses(&mut self, signals: &Signals) -> Vec<Poses> {
+        if !self.plant.assembled {
+            return Vec::new();
+        }
+        let mut found = Vec::new();
+        for (&t, &q) in signals.t.iter().zip(&signals.q).filter(|(t, _)| t.is_finite()) {
+            if t < self.due - EARLY {
+                continue;
+            }
+            // On the same grid while there are no gaps.
+            self.due = if self.due + PERIOD > t { self.due + PERIOD } else { t + PERIOD };
+            let Ok(motion) = self.plant.motion(&JointState { q, ..JointState::default() }) else { continue };
+            let bodies = motion.shown(self.plant.mechanism);
+            found.push(Poses { t, frames: links(self.plant.mechanism).map(|b| (body_name(b), bodies[b])).collect() });
+        }
+        found
+    }
+}
+
+/// Bodies that are links of an assembled machine's URDF.
+fn links(machine: Mechanism) -> impl Iterator<Item = usize> {
+    let last = match machine {
+        Mechanism::Delta { telescope: true, .. } => TELESCOPE_UPPER + 2,
+        _ => ROTOR - 1,
+    };
+    (0..last).filter(|b| *b != ROTOR)
 }
 
 /// The provenance with poses, contacts and events of the run added.
@@ -63,11 +135,7 @@ pub fn poses(machine: &Model, options: &Options, frame: &Frame) -> Option<Poses>
     if !machine.assembled {
         return None;
     }
-    let last = match machine.mechanism {
-        Mechanism::Delta { telescope: true, .. } => TELESCOPE_UPPER + 2,
-        _ => ROTOR - 1,
-    };
-    let bodies = (0..last).filter(|b| *b != ROTOR).map(|b| (body_name(b), frame.bodies[b]));
+    let bodies = links(machine.mechanism).map(|b| (body_name(b), frame.bodies[b]));
     let objects = (0..options.objects.len()).zip(&frame.objects).map(|(o, pose)| (object_name(options, o), *pose));
     Some(Poses { t: frame.t, frames: bodies.chain(objects).collect() })
 }

@@ -7,23 +7,32 @@ use std::io;
 use std::path::Path;
 
 use deltatwin::machine::Mechanism;
+use deltatwin::model::Model;
 use deltatwin::recording::Recording;
+use deltatwin::twin::origin::of_recording;
 use deltatwin_io::file;
 use miette::IntoDiagnostic;
 use serde_json::json;
 
 use crate::kind::alone;
-use crate::terminal::{DONE, check_output, path, say, warn};
+use crate::terminal::{DONE, check_output, input, path, say, warn};
 use deltatwin_io::recording::{self, Reading};
 
-/// Reads the recording `from` and writes it as `to`; returns the exit status.
-fn convert(from: &Path, how: &Reading, to: &Path, extensions: &[&str], as_json: bool) -> miette::Result<u8> {
+/// Reads the recording `from`, of the machine of `model` if it is known, and writes it as `to`; returns the exit status.
+fn convert(
+    from: &Path,
+    model: Option<&Model>,
+    how: &Reading,
+    to: &Path,
+    extensions: &[&str],
+    as_json: bool,
+) -> miette::Result<u8> {
     let inputs: Vec<&Path> = std::iter::once(from).chain(how.setup).collect();
     check_output(to, &inputs, extensions)?;
     let (recording, mut warnings) = recording::read_as(from, how)?;
     warnings.extend(alone(from, &recording));
     warn(&warnings);
-    write(&recording, to)?;
+    write(&recording, from, model, to)?;
     let signals = &recording.signals;
     let duration = signals.t.last().zip(signals.t.first()).map_or(0.0, |(b, a)| b - a);
     if as_json {
@@ -41,15 +50,19 @@ fn convert(from: &Path, how: &Reading, to: &Path, extensions: &[&str], as_json: 
     Ok(DONE)
 }
 
-/// Writes a recording in the format of the name `to`.
-fn write(recording: &Recording, to: &Path) -> miette::Result<()> {
+/// Writes a recording that was read from `from` in the format of the name `to`.
+fn write(recording: &Recording, from: &Path, model: Option<&Model>, to: &Path) -> miette::Result<()> {
     if is_parquet(to) {
         let table = |out: &mut io::BufWriter<&std::fs::File>| {
             deltatwin_study::recording::write(recording, out).map_err(io::Error::other)
         };
         return file::replace(to, table).into_diagnostic();
     }
-    recording::write(recording, to).into_diagnostic()
+    let name = from.file_name().unwrap_or_default().to_string_lossy();
+    let mut context = of_recording(&format!("deltatwin import {name}"), model, recording);
+    context.provenance.insert("source".into(), name.into_owned());
+    context.provenance.insert("source_sha256".into(), input("data", from)?.sha256);
+    recording::write_with(recording, to, &context).into_diagnostic()
 }
 
 fn is_parquet(file: &Path) -> bool {

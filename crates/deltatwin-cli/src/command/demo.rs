@@ -10,6 +10,9 @@ use serde_json::json;
 
 use crate::terminal::{origin, spinner, wrapped};
 use deltatwin::dynamics::Channel;
+use deltatwin::model::Model;
+use deltatwin::recording::Recording;
+use deltatwin::twin::origin::of_recording;
 use deltatwin_analysis::{Inputs, folder};
 use deltatwin_io::model;
 use deltatwin_validation::demo::{DURATION, Findings, MODEL, describe, hidden, hide, investigate};
@@ -103,13 +106,12 @@ fn write(args: &Args, campaign: &Campaign, findings: &Findings) -> miette::Resul
         .into_diagnostic()
         .wrap_err_with(|| format!("cannot create {}", folder.display()))?;
     let mut files = Vec::new();
-    for recording in [&campaign.measurement, &campaign.validation] {
-        let path = folder.join(format!("{}.mcap", recording.name));
-        deltatwin_io::recording::write(recording, &path).into_diagnostic()?;
-        files.push(path);
-    }
     let delivered = folder.join("delivered.toml");
-    deltatwin_io::model::write(&campaign.model, &delivered)?;
+    model::write(&campaign.model, &delivered)?;
+    let known = model::read(&delivered)?;
+    for recording in [&campaign.measurement, &campaign.validation] {
+        files.push(keep(args, &known, recording)?);
+    }
     let inputs = Inputs { data: vec![files[0].clone()], held_out: vec![files[1].clone()], ..Inputs::default() };
     let mut origin = origin("demo", Some(&delivered), &inputs, &[])?;
     let answer = if findings.right { "The diagnosis has found it." } else { "The diagnosis has not found it." };
@@ -123,6 +125,16 @@ fn write(args: &Args, campaign: &Campaign, findings: &Findings) -> miette::Resul
         files.push(path);
     }
     Ok(files)
+}
+
+/// Writes a recording of the machine whose delivered model is `known`; returns its file.
+fn keep(args: &Args, known: &Model, recording: &Recording) -> miette::Result<PathBuf> {
+    let path = args.output.join(format!("{}.mcap", recording.name));
+    let effect = args.effect.as_ref().map_or(String::new(), |name| format!(" --effect {name}"));
+    let mut context = of_recording(&format!("deltatwin demo --seed {}{effect}", args.seed), Some(known), recording);
+    context.provenance.insert("seed".into(), args.seed.to_string());
+    deltatwin_io::recording::write_with(recording, &path, &context).into_diagnostic()?;
+    Ok(path)
 }
 
 fn print(campaign: &Campaign, findings: &Findings, files: &[PathBuf]) {

@@ -18,6 +18,7 @@ use deltatwin::planner::{Limits, Machine, Options, Plan, PlanError, Task, plan};
 use deltatwin::recording::Recording;
 use deltatwin::text::significant;
 use deltatwin::twin::NewContacts;
+use deltatwin::twin::origin::of_recording;
 use deltatwin_analysis::page::end;
 use deltatwin_report::plan::{PlanPage, figures, plan_page};
 
@@ -99,7 +100,10 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         .into_diagnostic()
         .wrap_err_with(|| args.path.display().to_string())?;
     if let Some(output) = &args.output {
-        deltatwin_io::recording::write(&planned, output).into_diagnostic()?;
+        let [model_name, path_name] =
+            [&args.model, &args.path].map(|file| file.file_name().unwrap_or_default().to_string_lossy());
+        let context = of_recording(&format!("deltatwin plan {model_name} {path_name}"), Some(&model), &planned);
+        deltatwin_io::recording::write_with(&planned, output, &context).into_diagnostic()?;
     }
     let contacts = Some(deltatwin_cell::contacts as NewContacts);
     let execution =

@@ -162,7 +162,7 @@ impl<'a> Watch<'a> {
             }
             forget(&mut healthy, HEALTHY);
         }
-        let tape = args.output.as_deref().map(|file| Tape::create(file, model.mechanism, &setup)).transpose()?;
+        let tape = args.output.as_deref().map(|file| Tape::create(file, model, &setup)).transpose()?;
         let state = State::new(args, model, &setup, monitor.healthy());
         let (inbox, recent) = (Inbox::new(args.patience), VecDeque::new());
         let investigations = Investigations::default();

@@ -54,7 +54,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
 
 fn table(args: &Args, output: &Path, extensions: &[&str]) -> miette::Result<u8> {
     let how = Reading { setup: args.setup.as_deref(), ..Reading::default() };
-    super::convert(&args.input, &how, output, extensions, args.json)
+    super::convert(&args.input, None, &how, output, extensions, args.json)
 }
 
 /// Writes a robot.

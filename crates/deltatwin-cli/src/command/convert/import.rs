@@ -16,6 +16,9 @@ pub struct Args {
     /// Setup of the run, instead of the sidecar.
     #[arg(long, value_name = "FILE")]
     pub setup: Option<PathBuf>,
+    /// Model file of the machine: the .mcap file then has the robot for display, and the model.
+    #[arg(long, value_name = "MODEL")]
+    pub model: Option<PathBuf>,
     #[command(flatten)]
     pub columns: ColumnArgs,
     /// One JSON object on stdout.
@@ -25,6 +28,7 @@ pub struct Args {
 
 /// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
-    let how = args.columns.reading(args.setup.as_deref(), None);
-    super::convert(&args.csv, &how, &args.output, &["mcap", "csv"], args.json)
+    let model = args.model.as_deref().map(deltatwin_io::model::read).transpose()?;
+    let how = args.columns.reading(args.setup.as_deref(), model.as_ref().map(|model| model.mechanism));
+    super::convert(&args.csv, model.as_ref(), &how, &args.output, &["mcap", "csv"], args.json)
 }

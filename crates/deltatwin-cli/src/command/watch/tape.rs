@@ -7,8 +7,9 @@ use miette::IntoDiagnostic;
 
 use crate::terminal::warn;
 use deltatwin::machine::{Mechanism, Setup};
+use deltatwin::model::Model;
 use deltatwin::monitoring::{Sample, recording_of};
-use deltatwin::recording::Context;
+use deltatwin::twin::origin::{Links, measured};
 use deltatwin_io::recording::{Head, Recorder};
 
 /// Time after which what was appended is handed to the disk: a killed watch loses no more.
@@ -19,18 +20,23 @@ pub struct Tape {
     recorder: Recorder,
     mechanism: Mechanism,
     setup: Setup,
+    links: Links,
     kept: Instant,
 }
 
 impl Tape {
-    /// Begins the recording of a machine.
-    pub fn create(file: &Path, mechanism: Mechanism, setup: &Setup) -> miette::Result<Self> {
-        let head = Head { mechanism, start: None, setup, context: &Context::default() };
+    /// Begins the recording of the machine of `model`.
+    pub fn create(file: &Path, model: &Model, setup: &Setup) -> miette::Result<Self> {
+        let mechanism = model.mechanism;
+        // Without the address of the source, which may contain a password.
+        let name = model.path.as_deref().and_then(Path::file_name).unwrap_or_default().to_string_lossy();
+        let context = measured(&format!("deltatwin watch {name}"), Some(model), setup);
+        let head = Head { mechanism, start: None, setup, context: &context };
         let recorder = Recorder::create(file, &head).into_diagnostic()?;
         if recorder.partial() != file {
             warn(&[format!("until the end, the recording is {}", recorder.partial().display())]);
         }
-        Ok(Self { recorder, mechanism, setup: *setup, kept: Instant::now() })
+        Ok(Self { recorder, mechanism, setup: *setup, links: Links::new(model, setup), kept: Instant::now() })
     }
 
     /// Appends samples in order of time.
@@ -39,7 +45,8 @@ impl Tape {
             return Ok(());
         }
         let signals = recording_of(samples, self.mechanism, &self.setup).signals;
-        self.recorder.append(&signals, &[], &[], &[]).into_diagnostic()
+        let poses = self.links.poses(&signals);
+        self.recorder.append(&signals, &poses, &[], &[]).into_diagnostic()
     }
 
     /// Makes sure, every half second, that everything so far is on the disk.
