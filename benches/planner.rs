@@ -8,7 +8,6 @@ mod common;
 mod oracle;
 
 use std::hint::black_box;
-use std::path::Path;
 
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use deltatwin::constraint_forces::{Detail, constraint_forces};
@@ -40,8 +39,8 @@ fn forces(c: &mut Criterion) {
 
 fn planning(c: &mut Criterion) {
     let model = common::model("irb360-6-1600");
-    let task =
-        deltatwin_io::plan::read(Path::new("scenarios/u-turn.toml"), Limits::of(&model)).expect("a shipped path");
+    let task = deltatwin_io::plan::read(&common::shipped("scenarios/u-turn.toml"), Limits::of(&model))
+        .expect("a shipped path");
     let plant = Plant::new(&model, &task.setup);
     let machine = Machine::new(&plant, task.limits.detail);
     let curve = task.shape.curve();
@@ -77,8 +76,8 @@ fn planning(c: &mut Criterion) {
 /// The U-turn's rows as they are given to copp, without D √z; set up is not measured on either side.
 fn beside_copp(c: &mut Criterion) {
     let model = common::model("irb360-6-1600");
-    let task =
-        deltatwin_io::plan::read(Path::new("scenarios/u-turn.toml"), Limits::of(&model)).expect("a shipped path");
+    let task = deltatwin_io::plan::read(&common::shipped("scenarios/u-turn.toml"), Limits::of(&model))
+        .expect("a shipped path");
     let plant = Plant::new(&model, &task.setup);
     let machine = Machine::new(&plant, task.limits.detail);
     let (curve, limits) = (task.shape.curve(), task.limits);

@@ -3,7 +3,7 @@
 //! One 10 s closed-loop motion, feed-forward plus PD held over each step; the error is taken against the same loop with
 //! 16 steps per hold. Only the step calls are timed. Prints a table and draws `docs/work-precision.svg`.
 //!
-//! cargo bench -p deltatwin --bench work_precision
+//! cargo bench -p deltatwin-validation --bench work_precision
 
 #[path = "../tests/common/mod.rs"]
 mod common;
@@ -107,7 +107,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 type Curve = Vec<(f64, f64, f64)>;
 
 fn draw(curves: &[(&str, Curve)]) -> Result<(), Box<dyn std::error::Error>> {
-    let root = SVGBackend::new("docs/work-precision.svg", (900, 560)).into_drawing_area();
+    let file = common::shipped("docs/work-precision.svg");
+    let root = SVGBackend::new(&file, (900, 560)).into_drawing_area();
     root.fill(&WHITE)?;
     let mut chart = ChartBuilder::on(&root)
         .margin(16)

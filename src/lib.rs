@@ -5,27 +5,19 @@
 //! `deltatwin-io` reads and writes their files. Identification estimates the parameters, diagnosis names the missing
 //! effect, and the result is a model again:
 //!
-//! ```no_run
-//! use std::path::Path;
-//!
+//! ```
 //! use deltatwin::diagnosis::{add, diagnose};
-//! use deltatwin::identification::{Dataset, fit::fit, dataset::noise_floor};
-//! use deltatwin_io::{model, recording};
+//! use deltatwin::identification::{Dataset, dataset::noise_floor, fit::fit};
+//! use deltatwin::{model::Model, recording::Recording};
 //!
-//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! let model = model::read(Path::new("models/irb360-6-1600.toml"))?;
-//! let (recording, warnings) = recording::read(Path::new("run.csv"), None)?;
-//! let datasets = [Dataset::new(&recording)];
-//! let fitted = fit(&model, &datasets, &[noise_floor(&model, &datasets)])?;
-//! let answer = diagnose(&fitted.model, &datasets, &[], &mut |stage| log(stage))?;
-//! if let Some(missing) = answer.effects.first() {
-//!     let better = add(&fitted.model, &missing.name, &datasets, &[])?;
-//!     model::write(&better.fit.model, Path::new("better.toml"))?;
+//! /// The model with the first missing effect that a recording shows.
+//! fn better(model: &Model, recording: &Recording) -> Result<Option<Model>, Box<dyn std::error::Error>> {
+//!     let datasets = [Dataset::new(recording)];
+//!     let fitted = fit(model, &datasets, &[noise_floor(model, &datasets)])?;
+//!     let answer = diagnose(&fitted.model, &datasets, &[], &mut |stage| eprintln!("{stage}"))?;
+//!     let Some(missing) = answer.effects.first() else { return Ok(None) };
+//!     Ok(Some(add(&fitted.model, &missing.name, &datasets, &[])?.fit.model))
 //! }
-//! # fn log(_: &str) {}
-//! # drop(warnings);
-//! # Ok(())
-//! # }
 //! ```
 //!
 //! Quantities are in SI units, angles in rad; the frames are those of the model files. The modules are in the order of the

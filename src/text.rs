@@ -21,12 +21,15 @@ pub fn significant(x: f64, digits: usize) -> String {
 /// A name is near enough if its Damerau–Levenshtein distance is at most a third of its length, rounded up (at least 2),
 /// or if one of the two contains the other and `wrong` has at least three bytes.
 pub fn nearest<'a>(wrong: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let distances = known.into_iter().map(|name| (strsim::damerau_levenshtein(wrong, name), name));
-    let within = |name: &str| wrong.len() > 2 && (name.contains(wrong) || wrong.contains(name));
-    distances
-        .filter(|(distance, name)| *distance <= name.len().div_ceil(3).max(2) || within(name))
-        .min_by_key(|(distance, _)| *distance)
-        .map(|(_, name)| name)
+    let length = wrong.chars().count();
+    let distance = |name: &str| {
+        // The distance is at least the difference in length, and equal to it if one contains the other.
+        let (least, most) = (length.abs_diff(name.chars().count()), name.len().div_ceil(3).max(2));
+        let near = (least <= most).then(|| strsim::damerau_levenshtein(wrong, name)).filter(|d| *d <= most);
+        near.or_else(|| (wrong.len() > 2 && (name.contains(wrong) || wrong.contains(name))).then_some(least))
+    };
+    let distances = known.into_iter().filter_map(|name| Some((distance(name)?, name)));
+    distances.min_by_key(|(distance, _)| *distance).map(|(_, name)| name)
 }
 
 #[cfg(test)]
@@ -40,5 +43,13 @@ mod tests {
         assert_eq!(nearest("spring", known), Some("hose_spring"));
         assert_eq!(nearest("quantum_foam", known), None);
         assert_eq!(nearest("xyz", known), None);
+    }
+
+    /// Text of any length in place of a name costs no table of distances, which would be gigabytes here.
+    #[test]
+    fn a_long_text_is_compared_at_once() {
+        let long = "x".repeat(30_000_000);
+        assert_eq!(nearest(&long, ["air_drag", "base_tilt"]), None);
+        assert_eq!(nearest(&(long + "air_drag"), ["air_drag", "base_tilt"]), Some("air_drag"));
     }
 }

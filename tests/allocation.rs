@@ -167,7 +167,7 @@ fn a_step_with_contacts_allocates_nothing() {
 fn formulas_leave_no_memory_behind() {
     let text = format!(
         "{}\n{}",
-        std::fs::read_to_string("models/irb360-6-1600.toml").unwrap(),
+        std::fs::read_to_string(crate::common::shipped("models/irb360-6-1600.toml")).unwrap(),
         "[[effects.formula.terms]]\nname = \"cubic\"\nat = \"drive2\"\nlaw = \"-qd2^3\"\ncoefficient = 0.1\n\
          [[effects.formula.terms]]\nname = \"cable\"\nat = \"platform_x\"\nlaw = \"-x*abs(vx)\"\ncoefficient = 4\n"
     );

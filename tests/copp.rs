@@ -3,8 +3,6 @@
 use crate::common;
 use crate::oracle;
 
-use std::path::Path;
-
 use copp::solver::topp2_ra::s_to_t_topp2;
 use copp::solver::topp3_lp::s_to_t_topp3;
 use deltatwin::dynamics::Plant;
@@ -17,7 +15,7 @@ use oracle::{Oracle, Programme};
 /// Paths with payload and limits; the first is the paper's U-turn.
 fn problems() -> Vec<(Curve, Setup, Limits)> {
     let model = common::model("irb360-6-1600");
-    let task = deltatwin_io::plan::read(Path::new("scenarios/u-turn.toml"), Limits::of(&model)).unwrap();
+    let task = deltatwin_io::plan::read(&crate::common::shipped("scenarios/u-turn.toml"), Limits::of(&model)).unwrap();
     let points = common::WAYPOINTS.to_vec();
     let payload = Payload::new(2.5, [0.02, -0.01, -0.05], 0.01);
     let setup = Setup { payload, ..Setup::default() };

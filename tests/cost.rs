@@ -104,7 +104,8 @@ fn departures(committed: &str, groups: &[Group]) -> Vec<String> {
 
 /// A run of the twin along a shipped scenario for `duration` s, on a changed machine.
 fn run(name: &str, duration: f64, change: impl Fn(&mut Model)) -> (Recording, Report) {
-    let scenario = scenario::read(Path::new(&format!("scenarios/{name}.toml"))).expect("a shipped scenario");
+    let scenario =
+        scenario::read(&crate::common::shipped(&format!("scenarios/{name}.toml"))).expect("a shipped scenario");
     let mut machine = deltatwin_io::model::read(&scenario.model).expect("a shipped model");
     let planning = scenario.controller_model.as_ref().unwrap_or(&scenario.model);
     let planning = deltatwin_io::model::read(planning).expect("a shipped model");
@@ -183,7 +184,8 @@ fn diagnosis(what: &str, delivered: &Model, data: &Dataset) -> Group {
 
 fn plans() -> Vec<Group> {
     let model = model("irb360-6-1600");
-    let task = deltatwin_io::plan::read(Path::new("scenarios/u-turn.toml"), Limits::of(&model)).expect("a path");
+    let task =
+        deltatwin_io::plan::read(&crate::common::shipped("scenarios/u-turn.toml"), Limits::of(&model)).expect("a path");
     let plant = Plant::new(&model, &task.setup);
     let curve = task.shape.curve();
     let free = Limits { jerk: [f64::INFINITY; 4], ..task.limits };

@@ -1,7 +1,5 @@
 //! Rates, accelerations and torques from quantised encoders against the twin's own, method by method.
 
-use std::path::Path;
-
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::identification::{Dataset, Method};
 use deltatwin::kinematics::JointState;
@@ -18,7 +16,7 @@ const FLOOR: [f64; AXES] = [0.4, 0.4, 0.4, 0.05];
 
 /// A shipped scenario on the truth model with the twin's own rates and accelerations.
 fn run(file: &str) -> (Recording, Plant) {
-    let scenario = scenario::read(Path::new(file)).expect("a scenario");
+    let scenario = scenario::read(&crate::common::shipped(file)).expect("a scenario");
     let machine = model::read(&scenario.model).expect("a model");
     let planning = model::read(scenario.controller_model.as_ref().unwrap_or(&scenario.model)).expect("a model");
     let motion = scenario.motion(&planning).expect("a motion");

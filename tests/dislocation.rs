@@ -2,8 +2,6 @@
 
 use crate::common;
 
-use std::path::Path;
-
 use common::{model, nominal_plant, reversing, with_effect};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::kinematics::motion::SOCKETS;
@@ -11,6 +9,7 @@ use deltatwin::kinematics::{JointState, Motion, PlatformState};
 use deltatwin::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER};
 use deltatwin::machine::{Geometry, Payload, Setup, Stops};
 use deltatwin::model::Model;
+use deltatwin::monitoring::{Sample, Sliding};
 use deltatwin::numerics::{bisect, halvings};
 use deltatwin::recording::Recording;
 use deltatwin::scenario::{FourierMotion, Scenario};
@@ -401,6 +400,54 @@ fn margins_are_net_of_the_clamp_springs() {
     assert!(gross.iter().any(|m| *m < 0.0) && without.iter().all(|m| *m > 150.0), "{gross:?} {without:?}");
 }
 
+/// A run of a machine that is its own controller's model, without noise: margins of the twin, and those of the model along
+/// the executed motion.
+fn followed(mut scenario: Scenario, duration: f64) -> (Model, Setup, Recording, Vec<[f64; SOCKETS]>) {
+    let machine = deltatwin_io::model::read(&scenario.model).unwrap();
+    scenario.duration = duration;
+    scenario.noise = false;
+    let sensors = &mut scenario.sensors;
+    (sensors.sockets, sensors.velocity, sensors.acceleration) = (true, true, true);
+    (sensors.strut_upper, sensors.strut_lower) = ([true; 6], [true; 6]);
+    let setup = scenario.setup;
+    let motion = scenario.motion(&machine).unwrap();
+    let (plant, options) = (Plant::new(&machine, &setup), Options::of(&scenario, &machine));
+    let (recording, _) = simulate(&machine, &setup, &plant, &|t| motion.at(t), &options, &mut |_| true).unwrap();
+    let clamps = Clamps::watched(&machine.sockets);
+    let signals = &recording.signals;
+    let (qd, qdd) = (signals.qd.as_ref().unwrap(), signals.qdd.as_ref().unwrap());
+    let margins = (0..signals.len()).map(|k| {
+        let pose = plant.motion(&JointState { q: signals.q[k], qd: qd[k], qdd: qdd[k] }).unwrap();
+        clamps.along(&plant, signals.t[k], &pose).unwrap().1
+    });
+    let margins = margins.collect();
+    (machine, setup, recording, margins)
+}
+
+/// One criterion: the margins that the model gives along a motion are those of the twin, and not hold − |axial force|.
+#[test]
+fn margins_along_a_known_motion_are_those_of_the_twin() {
+    let (machine, setup, recording, margins) = followed(scenario("payload"), 1.4);
+    let signals = &recording.signals;
+    let twin = signals.socket_margin.as_ref().unwrap();
+    let (mut worst, mut axial_only) = (0.0f64, 0.0f64);
+    for (k, (twin, margins)) in twin.iter().zip(&margins).enumerate() {
+        let ends = signals.strut_upper.iter().chain(&signals.strut_lower);
+        for ((twin, margin), end) in twin.iter().zip(margins).zip(ends) {
+            worst = worst.max((twin - margin).abs());
+            let axial = machine.sockets.dislocation_force - end.as_ref().unwrap()[k].abs();
+            axial_only = axial_only.max((twin - axial).abs());
+        }
+    }
+    println!("{worst:.1e} N apart; the axial force alone would be {axial_only:.1} N wrong");
+    assert!(worst < 0.5 && axial_only > 1.5, "{worst} {axial_only}");
+    // A watch sees sockets from angles alone.
+    let mut stream = Sliding::new(&machine, &setup);
+    let sample = |k: usize| Sample { t: signals.t[k], q: signals.q[k], tau: signals.tau[k] };
+    let window = (0..signals.len()).find_map(|k| stream.push(sample(k)).unwrap()).expect("a window");
+    assert!(window.loads.is_some_and(|loads| loads.margin.iter().all(|m| m.is_finite())));
+}
+
 /// A scenario's options, with contacts.
 fn touching(scenario: &Scenario, machine: &Model) -> Options {
     Options { contacts: Some(deltatwin_cell::contacts), ..Options::of(scenario, machine) }
@@ -434,7 +481,7 @@ record = ["ee", "sockets"]
 
 #[test]
 fn a_broken_robot_stays_within_its_hard_stops() {
-    let scenario = scenario::parse(COAST, Path::new("scenarios/coast.toml")).unwrap();
+    let scenario = scenario::parse(COAST, &crate::common::shipped("scenarios/coast.toml")).unwrap();
     let machine = model::read(&scenario.model).unwrap();
     let options = Options { frames: Some(0.002), ..touching(&scenario, &machine) };
     let worst = |machine: &Model| {
@@ -470,7 +517,7 @@ fn a_broken_robot_stays_within_its_hard_stops() {
 // Shipped scenarios.
 
 fn scenario(name: &str) -> Scenario {
-    scenario::read(Path::new(&format!("scenarios/{name}.toml"))).unwrap()
+    scenario::read(&crate::common::shipped(&format!("scenarios/{name}.toml"))).unwrap()
 }
 
 fn play(scenario: &Scenario, options: &Options) -> Report {

@@ -54,7 +54,7 @@ coefficient = 0.01
 "#;
 
 fn text(stem: &str, laws: &str) -> String {
-    format!("{}\n{laws}", std::fs::read_to_string(format!("models/{stem}.toml")).unwrap())
+    format!("{}\n{laws}", std::fs::read_to_string(crate::common::shipped(format!("models/{stem}.toml"))).unwrap())
 }
 
 fn parse(text: &str) -> miette::Result<Model> {
@@ -175,7 +175,7 @@ fn writing_keeps_laws_and_comments() {
     assert_eq!(laws(&again), laws(&model));
     // Another formula replaces all terms; none removes the table.
     let other = r#"effects.formula = { empirical = true, terms = [{ name = "a", at = "drive1", law = "q1", coefficient = 1 }] }"#;
-    let bare = std::fs::read_to_string("models/irb360-6-1600.toml").unwrap();
+    let bare = std::fs::read_to_string(crate::common::shipped("models/irb360-6-1600.toml")).unwrap();
     let other = parse(&format!("{other}\n{}", bare.replace("[effects.", "[effects2."))).map(drop);
     assert!(other.is_err(), "an unknown table");
     let short = r#"

@@ -123,7 +123,7 @@ fn every_effect_runs_both_ways() {
         // as all others do; of accelerations and forces the ringing itself remains, smaller with the cube of the step.
         let active = defaults(effect);
         let rings = active.strut_spring().is_some();
-        let all = apart(effect, Path::new("scenarios/smoke.toml"), &|model, options, setup| {
+        let all = apart(effect, &crate::common::shipped("scenarios/smoke.toml"), &|model, options, setup| {
             *model = common::model("irb360-6-1600");
             *setup = common::payload();
             model.effects.retain(|a| a.effect.name() != *effect);
@@ -149,7 +149,7 @@ fn friction_at_the_motors_of_elastic_gears_runs_both_ways() {
     // The arms alone leave no body without more of it than a rotor of 0.1 kg·m².
     for (file, rotor) in [("smoke", 0.18), ("disassembled", 0.1)] {
         let path = format!("scenarios/{file}.toml");
-        agree(&format!("{file}, friction at the motors"), Path::new(&path), &|model, options, _| {
+        agree(&format!("{file}, friction at the motors"), &crate::common::shipped(path), &|model, options, _| {
             model.effects.push(gears(rotor));
             options.duration = 0.004;
             options.substeps *= 32;
@@ -161,7 +161,7 @@ fn friction_at_the_motors_of_elastic_gears_runs_both_ways() {
 fn the_smaller_irb360_runs_both_ways() {
     let scenario = tempfile::tempdir().unwrap();
     let file = scenario.path().join("small.toml");
-    let model = std::fs::canonicalize("models/irb360-1-1130.toml").unwrap();
+    let model = crate::common::shipped("models/irb360-1-1130.toml");
     let text = format!(
         "model = {:?}\nduration = 0.5\n[motion]\nkind = \"fourier\"\nfrequency = 1.0\ncentre = [0.0, 0.0, -0.8, 0.0]\n\
          sine = [[0.1, 0.05, 0.03, 1.0]]\n",
@@ -176,11 +176,12 @@ fn the_smaller_irb360_runs_both_ways() {
 
 #[test]
 fn multipliers_and_links_are_read_back_from_both_formats() {
-    let (run, _) = play(Path::new("scenarios/smoke.toml"), Formulation::Absolute, &|model, options, _| {
-        model.effects.push(gears(0.18));
-        options.sensors.links = true;
-        options.duration = 0.1;
-    });
+    let (run, _) =
+        play(&crate::common::shipped("scenarios/smoke.toml"), Formulation::Absolute, &|model, options, _| {
+            model.effects.push(gears(0.18));
+            options.sensors.links = true;
+            options.duration = 0.1;
+        });
     let folder = tempfile::tempdir().unwrap();
     for file in ["run.csv", "run.mcap"].map(|name| folder.path().join(name)) {
         recording::write(&run, &file).unwrap();

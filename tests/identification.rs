@@ -2,6 +2,8 @@
 
 use crate::common;
 
+use deltatwin::comparison::compare;
+use deltatwin::diagnosis::{add, diagnose};
 use deltatwin::dynamics::{Channel, Plant, set_parameters};
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::consistency::min_eigenvalue;
@@ -342,5 +344,28 @@ fn what_effects_and_payload_add_stays_out_of_the_links() {
     {
         let apart = (found.pseudo_inertia() - before.pseudo_inertia()).norm();
         assert!(apart < 1e-6, "body {b}: {apart:e}");
+    }
+}
+
+#[test]
+fn recordings_of_unlike_configurations_or_channels_are_not_used_together() {
+    let nominal = common::model("irb360-6-1600");
+    let whole = dataset(&nominal, &Setup::default(), 300, 4e-3, excitation(3));
+    let apart = Setup { configuration: Configuration::Disassembled, ..Setup::default() };
+    let apart = Dataset { name: "apart".into(), ..dataset(&nominal, &apart, 300, 4e-3, excitation(3)) };
+    let mut fewer = Dataset { name: "fewer".into(), ..whole.clone() };
+    fewer.restrict(&Channel::TORQUES[..3]);
+    for (other, difference) in [(apart, "expected one configuration"), (fewer, "tau4 only in made")] {
+        let (fitted, held_out) = (std::slice::from_ref(&whole), std::slice::from_ref(&other));
+        let refusals = [
+            diagnose(&nominal, fitted, held_out, &mut |_| {}).err().map(|e| e.to_string()),
+            add(&nominal, "air_drag", fitted, held_out).err().map(|e| e.to_string()),
+            compare(&nominal, fitted, held_out).err().map(|e| e.to_string()),
+            fit(&nominal, &[whole.clone(), other.clone()], &vec![SIGMA.to_vec(); 2]).err().map(|e| e.to_string()),
+        ];
+        for refusal in refusals {
+            let refusal = refusal.unwrap();
+            assert!(refusal.contains(difference) && refusal.contains(&other.name), "{refusal}");
+        }
     }
 }

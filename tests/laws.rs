@@ -95,7 +95,7 @@ fn power(plant: &Plant, active: &ActiveEffect, motion: &Motion, loads: &Output) 
 
 #[test]
 fn every_effect_file_is_registered_under_its_name() {
-    let mut files: Vec<String> = std::fs::read_dir("src/effects")
+    let mut files: Vec<String> = std::fs::read_dir(crate::common::shipped("src/effects"))
         .expect("the effects' folder")
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
         .filter_map(|file| file.strip_suffix(".rs").map(String::from))
@@ -185,8 +185,10 @@ fn effects_act_on_nothing_but_the_parts_they_name() {
 
 #[test]
 fn the_effect_of_the_documentation_works_as_it_stands() {
-    let (page, code) =
-        (std::fs::read_to_string("docs/contributing.md").unwrap(), include_str!("effects/platform_damper.rs"));
+    let (page, code) = (
+        std::fs::read_to_string(crate::common::shipped("docs/contributing.md")).unwrap(),
+        include_str!("effects/platform_damper.rs"),
+    );
     assert!(page.contains(&format!("```rust\n{code}```\n")), "the documentation shows another file");
     // 3 N·s/m at v: the drives give 3·|v|² more, wherever the robot stands and however it moves.
     let base = model(NOMINAL);

@@ -1,7 +1,5 @@
 //! Round trips through the twin: long runs, identification, diagnosis.
 
-use std::path::Path;
-
 use deltatwin::diagnosis::{Verdict, diagnose};
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
@@ -16,7 +14,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
 fn model(name: &str) -> Model {
-    model::read(Path::new(&format!("models/{name}.toml"))).expect("a shipped model")
+    model::read(&crate::common::shipped(&format!("models/{name}.toml"))).expect("a shipped model")
 }
 
 fn run(robot: &Model, seed: u64, duration: f64, noise: bool) -> (Recording, Report) {

@@ -29,7 +29,7 @@ fn payload() -> Setup {
 
 /// The shipped slide with another joint.
 pub(crate) fn turntable() -> Model {
-    let slide = std::fs::read_to_string("models/servo-axis.toml").unwrap();
+    let slide = std::fs::read_to_string(crate::common::shipped("models/servo-axis.toml")).unwrap();
     let text = slide
         .replace("name = \"servo-axis\"", "name = \"turntable\"")
         .replace("joint = \"prismatic\"", "joint = \"revolute\"")
@@ -44,7 +44,7 @@ pub(crate) fn turntable() -> Model {
         .replace("coulomb = 30.0", "coulomb = 0.3")
         .replace("viscous = 60.0", "viscous = 0.01")
         .replace("steepness = 1900.0", "steepness = 65.0");
-    model::parse(&text, std::path::Path::new("models/turntable.toml")).unwrap()
+    model::parse(&text, &crate::common::shipped("models/turntable.toml")).unwrap()
 }
 
 /// A small payload beside the centre line.

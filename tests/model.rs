@@ -16,7 +16,7 @@ use proptest::prelude::*;
 const NAME: &str = "robot.toml";
 
 fn folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("models")
+    crate::common::shipped("models")
 }
 
 fn shipped() -> Vec<PathBuf> {
@@ -173,6 +173,23 @@ fn a_lone_axis_is_a_mass_or_an_inertia() {
         &["[effects] base_tilt", "acts on bodies under gravity, which this machine does not have"],
     );
     assert_says(&refused("[drives.axis]", "[drives.arm]"), &["[drives] arm", "unknown key"]);
+}
+
+#[test]
+fn messages_about_carriages_are_about_carriages() {
+    for (old, new, said) in [
+        (
+            "strut_length = 0.269",
+            "strut_length = 0.1",
+            "q·cos(inclination)| for every carriage position q within arm_limits",
+        ),
+        ("arm_limits = [-0.020, 0.250]", "arm_limits = [0.250, -0.020]", "the smallest position first"),
+        ("arm_limits = [-0.020, 0.250]", "arm_limits = [0.020, 0.250]", "contain the home pose, carriages at 0 m"),
+    ] {
+        let text = text_of("linear-delta");
+        assert!(text.contains(old), "no {old:?}");
+        assert_says(&parse(&text.replacen(old, new, 1)).err().expect("a refusal").to_string(), &[said]);
+    }
 }
 
 #[test]
@@ -379,7 +396,7 @@ fn broken_toml_and_missing_files_are_reported() {
     assert_says(&refused("arm_length = 0.500", "arm_length = = 0.500"), &["not valid TOML"]);
     let m = refused("arm_length = 0.500", "arm_length = 0.500\narm_length = 0.7");
     assert_says(&m, &["not valid TOML", "duplicate"]);
-    let missing = model::read(Path::new("models/none.toml")).err().unwrap();
+    let missing = model::read(&crate::common::shipped("models/none.toml")).err().unwrap();
     assert_says(&format!("{missing:?}"), &["models/none.toml", "cannot read"]);
 }
 
@@ -717,7 +734,7 @@ fn models_are_written_beside_and_renamed() {
     assert_same(&model::read(&path).unwrap(), &m);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "no temporary file stays");
     let error = format!("{:?}", deltatwin_io::model::write(&m, &folder.path().join("none/mine.toml")).unwrap_err());
-    assert_says(&error, &["cannot write", "mine.toml"]);
+    assert_says(&error, &["cannot be written", "mine.toml"]);
 }
 
 #[test]

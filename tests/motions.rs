@@ -1,7 +1,5 @@
 //! The desired motions of the shipped scenarios: within reach, continuous, and what their runs need.
 
-use std::path::Path;
-
 use crate::common::runs;
 use deltatwin::cell::Mobility;
 use deltatwin::kinematics::{PlatformState, Target};
@@ -86,7 +84,7 @@ fn shipped_runs_are_short_and_have_what_they_need() {
 fn joint_motions_turn_only_their_axis() {
     let text = "model = \"../models/irb360-6-1600.toml\"\n[motion]\nkind = \"constant_speed\"\naxis = 2\n\
                 pose = [0.05, 0, -1, 1]\nbetween = [0.2, 0.6]\nspeeds = [0.5, 2]\nacceleration = 40\n";
-    let scenario = scenario::parse(text, Path::new("scenarios/test.toml")).unwrap();
+    let scenario = scenario::parse(text, &crate::common::shipped("scenarios/test.toml")).unwrap();
     let model = model::read(&scenario.model).unwrap();
     let motion = scenario.motion(&model).unwrap();
     let held = model.geometry.inverse(&Vector3::new(0.05, 0.0, -1.0)).unwrap();

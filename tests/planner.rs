@@ -46,7 +46,7 @@ fn limits(model: &Model) -> Limits {
 }
 
 fn u_turn(model: &Model) -> Task {
-    deltatwin_io::plan::read(Path::new("scenarios/u-turn.toml"), Limits::of(model)).unwrap()
+    deltatwin_io::plan::read(&crate::common::shipped("scenarios/u-turn.toml"), Limits::of(model)).unwrap()
 }
 
 /// The paper's U-turn with the identified model.
@@ -765,7 +765,7 @@ fn blends_are_used_as_asked_for_or_told() {
 #[test]
 fn the_papers_objective_along_the_cycle() {
     let model = common::model("irb360-6-1600");
-    let task = deltatwin_io::plan::read(Path::new("scenarios/cycle.toml"), Limits::of(&model)).unwrap();
+    let task = deltatwin_io::plan::read(&crate::common::shipped("scenarios/cycle.toml"), Limits::of(&model)).unwrap();
     let plant = Plant::new(&model, &task.setup);
     let machine = Machine::new(&plant, task.limits.detail);
     let [time, speed] = [Objective::Time, Objective::Speed].map(|objective| {

@@ -15,7 +15,8 @@ struct Table {
 
 impl Table {
     fn read(name: &str) -> Self {
-        let mut reader = csv::Reader::from_path(format!("tests/reference/{name}.csv")).expect("reference file");
+        let mut reader = csv::Reader::from_path(crate::common::shipped(format!("tests/reference/{name}.csv")))
+            .expect("reference file");
         let columns = reader.headers().unwrap().iter().enumerate().map(|(i, h)| (h.to_string(), i)).collect();
         let rows = reader
             .records()

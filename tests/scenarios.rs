@@ -92,7 +92,7 @@ fn no_shipped_scenario_looks_as_if_axes_were_swapped() {
 
 #[test]
 fn the_can_is_picked_and_placed() {
-    let file = Path::new("scenarios/pick-and-place.toml");
+    let file = &crate::common::shipped("scenarios/pick-and-place.toml");
     let (_, report) = play(file, |o| {
         o.duration = 1.2;
         o.frames = Some(0.01);
@@ -123,7 +123,7 @@ fn the_can_is_picked_and_placed() {
 fn momentum_is_conserved_when_the_gripper_closes() {
     // The joints' impulses do no work on a motion the joints allow: for each of the four, Σ Δp·v + ΔL·ω over the bodies
     // is what the can brings along, and afterwards the can moves with the hand.
-    let scenario = scenario::read(Path::new("scenarios/pick-and-place.toml")).unwrap();
+    let scenario = scenario::read(&crate::common::shipped("scenarios/pick-and-place.toml")).unwrap();
     let machine = model::read(&scenario.model).unwrap();
     let plant = Plant::new(&machine, &scenario.setup);
     let q = plant.geometry.inverse(&Vector3::new(-0.2, 0.0, -1.0375)).unwrap();

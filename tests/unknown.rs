@@ -92,7 +92,7 @@ fn an_unknown_law_is_located_and_written_into_the_model() {
     let (period, variable) = found.shape.period.expect("a wave");
     assert!((period - std::f64::consts::TAU / 18.0).abs() < 0.01 * period && variable == "q1", "{period} {variable}");
     // Ready to paste, and what `diagnose -o` writes.
-    let source = std::fs::read_to_string("models/irb360-6-1600.toml").unwrap();
+    let source = std::fs::read_to_string(crate::common::shipped("models/irb360-6-1600.toml")).unwrap();
     let pasted = model::parse(&format!("{source}\n{}", found.toml()), Path::new("pasted.toml")).unwrap();
     let written = updated_text(&source, &d.model).unwrap();
     let written = model::parse(&written, Path::new("written.toml")).unwrap();

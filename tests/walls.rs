@@ -4,6 +4,8 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use crate::common::shipped;
+
 /// Crates that only those around the library may use.
 const OUTSIDE: &[&str] = &[
     "clap",
@@ -44,6 +46,7 @@ const ALONE: &[(&str, &str)] = &[
     ("rapier3d", "deltatwin-cell"),
     ("rumqttc-v4-next", "deltatwin-watch"),
     ("rusqlite", "deltatwin-io"),
+    ("rustls", "deltatwin-watch"),
     ("toml", "deltatwin-io"),
     ("toml_edit", "deltatwin-io"),
     ("yaml-rust2", "deltatwin-io"),
@@ -64,7 +67,8 @@ const NOT_HERE: [&str; 9] = [
 
 /// Files of unit tests.
 fn is_test(file: &Path) -> bool {
-    file.file_stem().is_some_and(|s| s == "tests" || s == "testing") || file.starts_with("src/evidence/campaign")
+    file.file_stem().is_some_and(|s| s == "tests" || s == "testing")
+        || file.starts_with(shipped("src/evidence/campaign"))
 }
 
 fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
@@ -85,16 +89,16 @@ fn product(text: &str) -> &str {
 
 #[test]
 fn folders_use_those_above_them() {
-    let lib = std::fs::read_to_string("src/lib.rs").expect("a file");
+    let lib = std::fs::read_to_string(shipped("src/lib.rs")).expect("a file");
     let order: Vec<&str> =
         lib.lines().filter_map(|l| l.strip_prefix("pub mod ")).map(|l| l.trim_end_matches(';')).collect();
     assert!(order.len() > 10, "{order:?}");
     let place = |name: &str| order.iter().position(|m| *m == name);
     let mut files = Vec::new();
-    sources(Path::new("src"), &mut files);
+    sources(&shipped("src"), &mut files);
     let (mut upstream, mut edges) = (BTreeSet::new(), 0);
     for file in files {
-        let inside = file.strip_prefix("src").expect("below src");
+        let inside = file.strip_prefix(shipped("src")).expect("below src");
         let folder = inside.iter().next().expect("a name").to_string_lossy();
         let Some(own) = place(folder.trim_end_matches(".rs")) else { continue };
         let text = std::fs::read_to_string(&file).expect("a file");
@@ -112,12 +116,12 @@ fn folders_use_those_above_them() {
 
 #[test]
 fn the_library_stands_alone() {
-    let manifest: toml::Table = std::fs::read_to_string("Cargo.toml").expect("a file").parse().expect("TOML");
+    let manifest: toml::Table = std::fs::read_to_string(shipped("Cargo.toml")).expect("a file").parse().expect("TOML");
     let used = manifest["dependencies"].as_table().expect("a table");
     let wrong: Vec<&&str> = OUTSIDE.iter().filter(|name| used.contains_key(**name)).collect();
     assert!(wrong.is_empty() && used.len() > 5, "{wrong:?}");
     let mut files = Vec::new();
-    sources(Path::new("src"), &mut files);
+    sources(&shipped("src"), &mut files);
     for file in files.iter().filter(|f| !is_test(f)) {
         let text = std::fs::read_to_string(file).expect("a file");
         for word in NOT_HERE {
@@ -129,7 +133,7 @@ fn the_library_stands_alone() {
 #[test]
 fn contacts_and_formats_of_files_are_known_to_one_crate_each() {
     let mut users = BTreeSet::new();
-    for entry in std::fs::read_dir("crates").expect("a folder") {
+    for entry in std::fs::read_dir(shipped("crates")).expect("a folder") {
         let manifest = entry.expect("an entry").path().join("Cargo.toml");
         let manifest: toml::Table = std::fs::read_to_string(manifest).expect("a file").parse().expect("TOML");
         let name = manifest["package"]["name"].as_str().expect("a name").to_string();

@@ -296,6 +296,7 @@ def _on_ray(
     bar = progress if callable(progress) else (_progress.bar("study") if progress else None)
     try:
         folder = plan.folder
+        plan.claim()
         missing = [k for k in range(1, of + 1) if not plan.part(k, of).is_file()]
         task = ray.remote(num_cpus=1, max_retries=RETRIES)(_computed)
         most = AHEAD * max(1, int(ray.cluster_resources().get("CPU", 1)))

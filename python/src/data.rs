@@ -7,7 +7,7 @@ use deltatwin::dynamics::Channel;
 use deltatwin::gate::{combined, examine};
 use deltatwin::identification::bandwidth::{bandwidth, narrow};
 use deltatwin::identification::zeros::zeros;
-use deltatwin::identification::{Dataset, Method};
+use deltatwin::identification::{Dataset, Method, check_together};
 use deltatwin::machine::{Mechanism, Unit};
 use deltatwin::model;
 use pyo3::exceptions::{PyTypeError, PyUserWarning};
@@ -52,7 +52,7 @@ impl Data {
     /// The recordings restricted to their common channels, after a check that they can be of the model's machine.
     ///
     /// # Errors
-    /// `DataError` if there are none, if one is too short or of another machine, or if `gate` and its signs, factors,
+    /// `DataError` if there are none, if one is too short, of another machine or another configuration, or if `gate` and its signs, factors,
     /// order or zeros do not fit the model.
     pub fn of(
         py: Python,
@@ -96,6 +96,7 @@ impl Data {
             }
             dataset.restrict(&common);
         }
+        check_together(&all).map_err(|e| errors::data_error(py, e))?;
         if gate {
             join(py, model.mechanism, &mut all)?;
             if let Some(cut_off) = py.detach(|| bandwidth(model.mechanism, &all[..fitted.len()])) {

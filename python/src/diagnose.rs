@@ -250,7 +250,8 @@ const LEAST: f64 = 30.0;
 /// Name the physical effect that a model lacks.
 ///
 /// The parameters are refitted, then every effect of the catalogue, and every ``Law`` in ``candidates``, is tried. The
-/// verdict is ``"none"``, ``"effect"``, ``"several"``, ``"ambiguous"`` or ``"unknown"``.
+/// verdict is ``"none"``, ``"effect"``, ``"several"``, ``"ambiguous"``, ``"unknown"``, or
+/// ``"undecided"`` where ``time_limit`` was up before the question was answered.
 ///
 /// Parameters
 /// ----------

@@ -270,6 +270,12 @@ impl StudyPlan {
         Ok(part)
     }
 
+    /// Take the folder for this study. Raises ``ValueError`` if it belongs to another one.
+    fn claim(&self, py: Python) -> PyResult<()> {
+        let work = self.work(py)?;
+        work.campaign().claim().map_err(|e| failed(&e.into()))
+    }
+
     /// Make the table of all parts, and return its file. Raises ``ValueError`` if parts are missing.
     fn merge(&self, py: Python) -> PyResult<PathBuf> {
         let work = self.work(py)?;

@@ -9,7 +9,7 @@ mod spectrum;
 use crate::dynamics::{Channel, Plant};
 use crate::identification::dataset::noise_floor;
 use crate::identification::fit::{FitError, kinematics};
-use crate::identification::{Dataset, Residuals};
+use crate::identification::{Dataset, Residuals, check_together};
 use crate::model::Model;
 
 /// Residuals of a model without refitting.
@@ -61,11 +61,12 @@ const MORE_THAN_NOISE: f64 = 1.02;
 /// Comparison of a model with recordings.
 ///
 /// # Errors
-/// If the model's geometry cannot reach a pose.
+/// If recordings differ in configuration or channels, or the model's geometry cannot reach a pose.
 ///
 /// # Panics
 /// If `datasets` is empty.
 pub fn compare(model: &Model, datasets: &[Dataset], held_out: &[Dataset]) -> Result<Comparison, FitError> {
+    check_together(datasets.iter().chain(held_out))?;
     let residuals = Residuals::new(model, datasets)?;
     let rms = residuals.rms.clone();
     let noise_floor = noise_floor(model, datasets);

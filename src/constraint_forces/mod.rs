@@ -16,6 +16,7 @@ pub use statics::{Loads, Statics};
 use crate::dynamics::{Borne, Output};
 use crate::kinematics::Reactions;
 use crate::machine::{ARMS, STRUTS};
+use crate::numerics::worst;
 
 /// Number of multipliers and of reduced velocities.
 pub const MULTIPLIERS: usize = 21;
@@ -77,6 +78,6 @@ impl Borne for Multipliers {
     }
 
     fn change(&self, other: &Self) -> f64 {
-        self.to_array().iter().zip(other.to_array()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+        self.to_array().iter().zip(other.to_array()).map(|(a, b)| a - b).fold(0.0, worst)
     }
 }

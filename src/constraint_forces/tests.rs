@@ -10,7 +10,8 @@ use crate::effects::{ActiveEffect, find};
 use crate::kinematics::{JointState, Motion};
 use crate::machine::bodies::END_EFFECTOR;
 use crate::machine::{Payload, Setup};
-use crate::model::testing::shipped;
+use crate::model::Model;
+use crate::model::testing::{irb360, irb360_truth};
 use crate::twin::{Torque, Twin};
 
 fn setup() -> Setup {
@@ -18,8 +19,8 @@ fn setup() -> Setup {
     Setup { payload, ..Setup::default() }
 }
 
-fn plant(name: &str) -> Plant {
-    Plant::new(&shipped(name), &setup())
+fn plant(model: Model) -> Plant {
+    Plant::new(&model, &setup())
 }
 
 /// Motions within the workspace up to 8 rad/s and 80 rad/s² (axis 4: 24 rad/s, 240 rad/s²).
@@ -55,7 +56,7 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
 
 #[test]
 fn block_elimination_solves_the_dense_system() {
-    let plant = plant("irb360-6-1600");
+    let plant = plant(irb360());
     for motion in motions(&plant, 100) {
         for detail in [Detail::Reduced, Detail::Complete] {
             let statics = Statics::of(&motion, detail).unwrap();
@@ -69,8 +70,18 @@ fn block_elimination_solves_the_dense_system() {
 }
 
 #[test]
+fn a_change_to_what_is_not_a_number_is_not_small() {
+    let known = Multipliers { lambda_a: [1.0, 2.0, 3.0], ..Multipliers::default() };
+    assert_eq!(known.change(&Multipliers::default()), 3.0);
+    let mut lost = known;
+    lost.lambda_p[2] = f64::NAN;
+    assert!(known.change(&lost).is_nan() && lost.change(&known).is_nan());
+    assert!(known.output().change(&lost.output()).is_nan());
+}
+
+#[test]
 fn the_complete_detail_is_the_inverse_dynamics_with_every_effect() {
-    let mut truth = plant("irb360-6-1600-truth");
+    let mut truth = plant(irb360_truth());
     for name in ["ball_socket_load_dependent", "gear_load_friction", "hooke_friction", "air_drag", "hose_spring"] {
         let mut active = ActiveEffect::absent(find(name).unwrap());
         active.values = active.entries().iter().map(|e| e.parameter.default).collect();
@@ -90,7 +101,7 @@ fn the_complete_detail_is_the_inverse_dynamics_with_every_effect() {
 
 #[test]
 fn the_bearing_of_the_end_effector_carries_what_the_twin_says() {
-    let plant = plant("irb360-6-1600-truth");
+    let plant = plant(irb360_truth());
     for motion in motions(&plant, 50) {
         let forces = forces(&plant, &motion, Detail::Complete);
         let mut twin = Twin::new(plant.clone(), &motion).unwrap();
@@ -108,7 +119,7 @@ fn the_bearing_of_the_end_effector_carries_what_the_twin_says() {
 fn a_payload_off_the_axis_tilts_the_platform() {
     // At rest in the middle the payload's moment about the flange is m·g·(c × −z), and the struts share weight and
     // moment.
-    let plant = plant("irb360-6-1600");
+    let plant = plant(irb360());
     let joints = JointState { q: [0.3, 0.3, 0.3, 0.7], ..JointState::default() };
     let motion = plant.motion(&joints).unwrap();
     let forces = forces(&plant, &motion, Detail::Reduced);
@@ -127,7 +138,7 @@ fn a_payload_off_the_axis_tilts_the_platform() {
 /// `docs/planner.md` lists the figures.
 #[test]
 fn the_reduced_model_differs_by_what_it_neglects() {
-    let plant = plant("irb360-6-1600");
+    let plant = plant(irb360());
     let mut rigid = plant.clone();
     rigid.effects.clear();
     let (mut square, mut worst, mut force) = (0.0, 0.0f64, 0.0);

@@ -30,8 +30,8 @@ pub struct Addition {
 /// Adds an effect to a model and refits all parameters.
 ///
 /// # Errors
-/// [`DiagnosisError`], if there are no data, recordings measure different channels, the effect is present, unknown,
-/// not identifiable or without a part to act on, or the model cannot be fitted.
+/// [`DiagnosisError`], if there are no data, recordings differ in configuration or channels, the effect is present,
+/// unknown, not identifiable or without a part to act on, or the model cannot be fitted.
 pub fn add(
     model: &Model,
     effect: &str,

@@ -25,6 +25,8 @@ pub enum Verdict {
     Ambiguous,
     /// An effect is missing that the library does not contain.
     Unknown,
+    /// The time was up before it was clear whether an effect is missing, or whether a known one explains what is left.
+    Undecided,
 }
 
 impl std::fmt::Display for Verdict {
@@ -35,6 +37,7 @@ impl std::fmt::Display for Verdict {
             Self::Several => "several",
             Self::Ambiguous => "ambiguous",
             Self::Unknown => "unknown",
+            Self::Undecided => "undecided",
         })
     }
 }

@@ -45,7 +45,13 @@ impl Conclusion {
         let leaves_more = judge.leaves_more(&found.end);
         let rms = [found.start.rms(), found.end.rms(), &judge.floor];
         let verdict = verdict(effects.len(), rms, leaves_more, !indistinguishable.is_empty());
-        let (end, not_tried) = (found.end.clone(), found.not_tried.clone());
+        let (end, mut not_tried) = (found.end.clone(), found.not_tried.clone());
+        if judge.fitting.was_stopped() {
+            not_tried.push("the last steps of a fit".into());
+        }
+        // What was not tried may explain what is left.
+        let is_open = !not_tried.is_empty() && matches!(verdict, Verdict::None | Verdict::Unknown);
+        let verdict = if is_open { Verdict::Undecided } else { verdict };
         Ok(Self { verdict, effects, indistinguishable, end, unexplained: None, not_tried })
     }
 
@@ -62,10 +68,14 @@ impl Conclusion {
         self.verdict = Verdict::Unknown;
     }
 
-    /// Sets the parameters of the named effects from the final model and their probabilities from the final verdict.
+    /// Sets the parameters of the named effects from the final model and their probabilities from the final verdict. With
+    /// a step left out for lack of time, that nothing was found is no answer.
     pub fn settle(&mut self) {
+        if self.verdict == Verdict::None && !self.not_tried.is_empty() {
+            self.verdict = Verdict::Undecided;
+        }
         for named in &mut self.effects {
-            if self.verdict == Verdict::Unknown {
+            if matches!(self.verdict, Verdict::Unknown | Verdict::Undecided) {
                 // With an unknown effect present, the probability of a name is limited by its explained share.
                 named.confidence.doubt(named.explained);
             }

@@ -42,14 +42,6 @@ pub enum DiagnosisError {
     /// No recording was given.
     #[error("no recording to diagnose")]
     NoData,
-    /// The recordings measure different channels.
-    #[error("recordings {first} and {second} measure different channels")]
-    Channels {
-        /// Name of a recording.
-        first: String,
-        /// Name of another one.
-        second: String,
-    },
     /// There is no such effect.
     #[error("unknown effect `{0}`; `deltatwin effects` lists them")]
     UnknownEffect(String),

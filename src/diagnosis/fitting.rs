@@ -55,6 +55,8 @@ pub(super) struct Fitting<'a> {
     pub candidates: &'a [Arc<dyn Effect>],
     clock: Clock<'a>,
     has_tried: AtomicBool,
+    /// Whether a fit ended before it converged, for lack of time.
+    was_stopped: AtomicBool,
     work: Mutex<Work>,
 }
 
@@ -79,6 +81,7 @@ impl<'a> Fitting<'a> {
             candidates: options.candidates,
             clock: options.clock,
             has_tried: AtomicBool::new(false),
+            was_stopped: AtomicBool::new(false),
             work: Mutex::default(),
         }
     }
@@ -86,7 +89,11 @@ impl<'a> Fitting<'a> {
     /// Refits the parameters of `model` that are not fixed.
     pub fn fit(&self, model: &Model) -> Result<Fit, FitError> {
         let weights = vec![self.noise.clone(); self.datasets.len()];
-        let stop = || self.is_late();
+        let stop = || {
+            let is_late = self.is_late();
+            self.was_stopped.fetch_or(is_late, Ordering::Relaxed);
+            is_late
+        };
         let options = FitOptions { fixed: self.fixed, stop: Some(&stop), ..FitOptions::default() };
         let fitted = fit_with(model, self.datasets, &weights, &options)?;
         let mut work = self.work.lock().unwrap_or_else(PoisonError::into_inner);
@@ -103,6 +110,11 @@ impl<'a> Fitting<'a> {
     /// The work so far.
     pub fn work(&self) -> Work {
         *self.work.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Whether a fit ended before it converged, for lack of time.
+    pub fn was_stopped(&self) -> bool {
+        self.was_stopped.load(Ordering::Relaxed)
     }
 
     /// Whether it is too late to search another effect.

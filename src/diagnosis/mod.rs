@@ -34,7 +34,7 @@ pub use left::Left;
 pub use unknown::Unexplained;
 
 use crate::dynamics::in_configuration;
-use crate::identification::Dataset;
+use crate::identification::{Dataset, check_together};
 use crate::model::Model;
 
 /// Diagnosis of the effects that `model` lacks to explain `datasets`, validated on `held_out` where given.
@@ -42,7 +42,7 @@ use crate::model::Model;
 /// All parameters are fitted without a time limit; `progress` is called with the name of each step.
 ///
 /// # Errors
-/// If there are no data, recordings measure different channels, or the model cannot be fitted to them.
+/// If there are no data, recordings differ in configuration or channels, or the model cannot be fitted to them.
 pub fn diagnose(
     model: &Model,
     datasets: &[Dataset],
@@ -92,9 +92,8 @@ pub fn diagnose_with(
 }
 
 fn check(datasets: &[Dataset], held_out: &[Dataset]) -> Result<(), DiagnosisError> {
-    let first = datasets.first().ok_or(DiagnosisError::NoData)?;
-    match datasets.iter().chain(held_out).find(|t| t.channels != first.channels) {
-        Some(other) => Err(DiagnosisError::Channels { first: first.name.clone(), second: other.name.clone() }),
-        None => Ok(()),
+    if datasets.is_empty() {
+        return Err(DiagnosisError::NoData);
     }
+    Ok(check_together(datasets.iter().chain(held_out))?)
 }

@@ -6,8 +6,11 @@ use super::channels::{Channel, ChannelMap, Twist};
 use super::reduction::Reduction;
 use super::{Plant, STILL, inertial_wrench};
 use crate::effects::{ActiveEffect, Instant, Wrenches};
+use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{KinematicsError, Motion, Reactions, SocketSet};
-use crate::machine::bodies::BODIES;
+use crate::machine::STRUTS;
+use crate::machine::bodies::{BODIES, STRUT};
+use crate::numerics::worst;
 
 /// Drive torques and strut forces at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -22,7 +25,7 @@ pub struct Output {
 pub(crate) trait Borne {
     /// Drive torques and strut forces, on which force laws may depend.
     fn output(&self) -> Output;
-    /// Largest absolute difference of a torque or force from `other`, N·m or N.
+    /// Largest absolute difference of a torque or force from `other`, N·m or N; NaN if one is.
     fn change(&self, other: &Self) -> f64;
 }
 
@@ -33,7 +36,7 @@ impl Borne for Output {
 
     fn change(&self, other: &Self) -> f64 {
         let values = |o: &Self| o.tau.into_iter().chain(o.reactions.upper).chain(o.reactions.lower);
-        values(self).zip(values(other)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+        values(self).zip(values(other)).map(|(a, b)| a - b).fold(0.0, worst)
     }
 }
 
@@ -74,6 +77,60 @@ pub fn steady_inverse_dynamics(
     let own = plant.steady_states(t, motion);
     let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
     inverse_dynamics(plant, t, motion, &states, with_struts)
+}
+
+/// Drive torques, strut forces and ball forces at one instant.
+#[derive(Clone, Copy, Debug)]
+pub struct SocketLoads {
+    /// Drive torques and axial strut forces.
+    pub output: Output,
+    /// Force of the ball on the strut's cup without the clamps' own, N, inertial axes: six at the elbows, six at the
+    /// platform.
+    pub sockets: [Vector3<f64>; SOCKETS],
+}
+
+impl Borne for SocketLoads {
+    fn output(&self) -> Output {
+        self.output
+    }
+
+    fn change(&self, other: &Self) -> f64 {
+        self.output.change(&other.output)
+    }
+}
+
+/// Loads of the ball sockets of an assembled robot along a known motion, as [`steady_inverse_dynamics`].
+///
+/// # Errors
+/// As [`inverse_dynamics`].
+pub fn steady_socket_loads(plant: &Plant, t: f64, motion: &Motion) -> Result<SocketLoads, KinematicsError> {
+    let own = plant.steady_states(t, motion);
+    let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
+    let reduction = Reduction::new(&plant.geometry, motion, plant.assembled, true)?;
+    let loads = |wrenches: &[Twist; BODIES]| {
+        let (tau, upper, lower) = reduction.balance(wrenches);
+        let reactions = Reactions { upper, lower };
+        SocketLoads { output: Output { tau, reactions }, sockets: ball_forces(motion, wrenches, &reactions) }
+    };
+    borne(plant, t, motion, &states, rigid_wrenches(plant, motion), loads)
+}
+
+/// Forces of the balls on the struts (N, inertial axes) for the wrench (f, m) on each strut about its upper ball,
+/// applied minus inertial, and its axial forces T.
+///
+/// Newton and Euler for a strut of length ℓ along u: F_upper + F_lower + f = 0 and m + ℓ·u × F_lower = 0, thus across the
+/// strut F_lower = u × m/ℓ; along it F_upper·u = −T_upper and F_lower·u = T_lower. The moment about u is the spin's.
+fn ball_forces(motion: &Motion, wrenches: &[Twist; BODIES], axial: &Reactions) -> [Vector3<f64>; SOCKETS] {
+    std::array::from_fn(|socket| {
+        let s = socket % STRUTS;
+        let ((force, moment), u) = (&wrenches[STRUT + s], motion.strut_axis[s]);
+        let across = u.cross(moment) / motion.strut_length[s];
+        if socket < STRUTS {
+            -(force - u * force.dot(&u)) - across - u * axial.upper[s]
+        } else {
+            across + u * axial.lower[s]
+        }
+    })
 }
 
 /// Loads that `solve` returns for the sum of the `rigid` wrenches and those of all effects.

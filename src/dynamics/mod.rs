@@ -15,7 +15,9 @@ pub(crate) use channels::STILL;
 pub use channels::{Channel, ChannelMap, Twist};
 pub(crate) use inverse::add_regressor;
 pub(crate) use inverse::{Borne, add_effects, borne, reads_loads, rigid_wrenches};
-pub use inverse::{Output, Sample, inverse_dynamics, regressor, steady_inverse_dynamics};
+pub use inverse::{
+    Output, Sample, SocketLoads, inverse_dynamics, regressor, steady_inverse_dynamics, steady_socket_loads,
+};
 pub(crate) use newton_euler::accelerated_wrench;
 pub use newton_euler::inertial_wrench;
 pub use parameters::{ParamTable, PlantParameter};

@@ -110,11 +110,11 @@ mod tests {
     use super::*;
     use crate::dynamics::Plant;
     use crate::machine::Setup;
-    use crate::model::testing::shipped;
+    use crate::model::testing::irb360_truth;
 
     #[test]
     fn every_parameter_is_found_by_identity_and_by_name_where_it_stands() {
-        let model = shipped("irb360-6-1600-truth");
+        let model = irb360_truth();
         let plant = Plant::new(&model, &Setup::default());
         let table = plant.parameters();
         let effects: Vec<ActiveEffect> = std::iter::once(plant.rigid_bodies()).chain(plant.effects.to_vec()).collect();

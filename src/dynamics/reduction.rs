@@ -124,12 +124,12 @@ mod tests {
     use crate::dynamics::channels::{Channel, ChannelMap};
     use crate::dynamics::{Plant, STILL};
     use crate::kinematics::JointState;
-    use crate::model::testing::shipped;
+    use crate::model::testing::irb360;
 
     /// Virtual work of random wrenches in the virtual motions of the channels.
     #[test]
     fn is_the_transpose_of_the_channels_twists() {
-        let model = shipped("irb360-6-1600");
+        let model = irb360();
         let plant = Plant::new(&model, &Default::default());
         let joints = JointState { q: [0.3, 0.5, 0.1, 0.7], qd: [1.0, -2.0, 0.5, 3.0], qdd: [5.0, 3.0, -4.0, 9.0] };
         let motion = plant.motion(&joints).unwrap();

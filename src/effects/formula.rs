@@ -232,7 +232,7 @@ mod tests {
     /// (1 − √0.84)/0.004 = 20.871215 N.
     #[test]
     fn a_law_of_the_drives_torque_is_solved_for() {
-        let mut model = crate::model::testing::shipped("servo-axis");
+        let mut model = crate::model::testing::slide();
         model.bodies[crate::machine::bodies::ARM] = crate::machine::Inertia::lone(2.0);
         let law = formula(&[("drive1", "-tau1^2*tanh(50*qd1)")]);
         model.effects = crate::effects::Effects::from(vec![ActiveEffect::new(Arc::new(law), &[&[0.002]])]);
@@ -246,7 +246,7 @@ mod tests {
     #[test]
     fn units_of_coefficients_are_those_of_the_machine() {
         let current = Mechanism::Axis(Axis { joint: Joint::Revolute, effort: Effort::Current });
-        let drive = crate::model::testing::shipped("servo-axis").drives[0];
+        let drive = crate::model::testing::slide().drives[0];
         for (machine, at, law, unit) in [
             (Mechanism::default(), "drive1", "-qd1^3", "N·m·s³/rad³"),
             (Mechanism::default(), "platform_z", "-qd1", "N·s/rad"),

@@ -53,7 +53,7 @@ mod tests {
     #[test]
     fn torque_grows_by_inertia_times_acceleration() {
         // 0.02 kg·m² · 50 rad/s² = 1 N·m on arm 2, nothing on the others.
-        let mut model = crate::model::testing::shipped("irb360-6-1600");
+        let mut model = crate::model::testing::irb360();
         model.effects.clear();
         let joints = JointState { q: [0.3; 4], qd: [1.0; 4], qdd: [50.0; 4] };
         let torque = |model: &crate::model::Model| {

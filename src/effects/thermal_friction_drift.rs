@@ -126,7 +126,7 @@ mod tests {
     #[test]
     fn viscous_friction_saturates_where_that_of_the_model_does() {
         let parameter = &SPEC.parameters[SATURATION];
-        let mut model = crate::model::testing::shipped("irb360-6-1600");
+        let mut model = crate::model::testing::irb360();
         assert_eq!(SPEC.constant(&parameter.name, &model.view()), Some(8.5919));
         model.effects.retain(|a| a.effect.name() != "axis4_friction");
         assert_eq!(SPEC.constant(&parameter.name, &model.view()), Some(NONE));

@@ -221,12 +221,12 @@ impl Difference {
 mod tests {
     use super::*;
     use crate::excitation::machine::information;
-    use crate::model::testing::shipped;
+    use crate::model::testing::irb360;
 
     /// The derivative of −log δ² with respect to the information equals that of finite differences.
     #[test]
     fn difference_has_the_slope_of_its_value() {
-        let model = shipped("irb360-6-1600");
+        let model = irb360();
         let pair = ["ball_socket_coulomb", "ball_socket_viscous"].map(|n| assumed(&model, n).unwrap());
         let options = Options { harmonics: 3, ..Options::default() };
         let limits = Limits::of(&model, options.share, None);

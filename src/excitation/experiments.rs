@@ -11,13 +11,14 @@ use crate::dynamics::{Channel, Plant};
 use crate::identification::filtering::MIN_HALF_WIDTH;
 use crate::identification::{Dataset, predict};
 use crate::kinematics::JointState;
-use crate::machine::{ARMS, AXES, Configuration, Payload, STRUTS, Setup};
+use crate::machine::{ARMS, AXES, Configuration, Part, Payload, Setup};
 use crate::model::Model;
 use crate::scenario::Course;
 use crate::scenario::motion::constant_speed::ConstantSpeed;
 use crate::scenario::motion::fourier::middle;
 use crate::scenario::motion::path::Path;
 use crate::scenario::motion::static_poses::StaticPoses;
+use crate::twin::Clamps;
 
 /// Kind of experiment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -100,7 +101,7 @@ pub struct Experiment {
 /// Largest number of samples per experiment, and number of samples in a window.
 const SAMPLES: usize = 1000;
 const WINDOW: usize = 100;
-/// Usable share of the drives' limits on acceleration and torque, and of the sockets' dislocation force.
+/// Usable share of the drives' limits on acceleration and torque, and of the sockets' hold.
 const SHARE: f64 = 0.9;
 /// Share of the limits that a random motion may use.
 const RANDOM_SHARE: f64 = 0.45;
@@ -406,21 +407,23 @@ impl Bench<'_> {
         let plant = Plant::new(self.model, &dataset.setup);
         let drives = &self.model.drives[..self.model.mechanism.axes()];
         let slow = |j: &JointState| {
-            drives.iter().enumerate().all(|(i, d)| {
-                j.qd[i].abs() <= d.max_speed && (i >= ARMS || j.qdd[i].abs() <= SHARE * d.max_acceleration)
-            })
+            drives
+                .iter()
+                .enumerate()
+                .all(|(i, d)| j.qd[i].abs() <= d.max_speed && j.qdd[i].abs() <= SHARE * d.max_acceleration)
         };
-        let mut probe = Dataset { channels: Channel::of_drives(self.model.mechanism), ..dataset.clone() };
-        if plant.assembled {
-            probe.channels.extend((0..STRUTS).map(Channel::StrutUpper));
-        }
-        probe.measured = vec![vec![0.0; dataset.len()]; probe.channels.len()];
-        let hold = Some(self.model.sockets.dislocation_force).filter(|f| *f > 0.0).unwrap_or(f64::INFINITY);
-        let limit = |c: &Channel| SHARE * c.drive().map_or(hold, |i| drives[i].max_torque);
-        let within = |loads: Vec<Vec<f64>>| {
-            loads.iter().zip(&probe.channels).all(|(series, c)| series.iter().all(|x| x.abs() <= limit(c)))
+        let channels = Channel::of_drives(self.model.mechanism);
+        let probe = Dataset { measured: vec![vec![0.0; dataset.len()]; channels.len()], channels, ..dataset.clone() };
+        let strong = |loads: Vec<Vec<f64>>| {
+            loads.iter().zip(drives).all(|(series, d)| series.iter().all(|x| x.abs() <= SHARE * d.max_torque))
         };
-        !dataset.is_empty() && dataset.joints.iter().all(slow) && predict(&plant, &probe).is_ok_and(within)
+        let clamps = Clamps::watched(&self.model.sockets);
+        let holds = |(t, joints): (&f64, &JointState)| {
+            let margins = plant.motion(joints).and_then(|motion| clamps.along(&plant, *t, &motion));
+            margins.is_ok_and(|(_, margins)| clamps.used(&margins).iter().all(|used| *used <= SHARE))
+        };
+        let held = || !plant.has(Part::Linkage) || dataset.t.iter().zip(&dataset.joints).all(holds);
+        !dataset.is_empty() && dataset.joints.iter().all(slow) && predict(&plant, &probe).is_ok_and(strong) && held()
     }
 }
 

@@ -2,10 +2,11 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::dynamics::Output;
-use crate::kinematics::{JointState, PlatformState};
+use crate::dynamics::SocketLoads;
+use crate::kinematics::{JointState, Motion, PlatformState, Reactions, SocketSet};
 use crate::machine::{ARMS, AXES, Geometry, STRUTS};
 use crate::model::Model;
+use crate::twin::Clamps;
 
 /// Lower half of a ball to which the platform is confined (Fig. 5 of the paper), m.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,7 +18,7 @@ pub struct Hemisphere {
 }
 
 /// Number of limits per sample.
-pub const LIMITS: usize = 32;
+pub const LIMITS: usize = 44;
 
 const ARM_HIGH: usize = 0;
 const ARM_LOW: usize = 3;
@@ -29,10 +30,11 @@ const SPEED: usize = 13;
 const ACCELERATION: usize = 17;
 const TORQUE: usize = 21;
 const STRUT_FORCE: usize = 25;
-const HEMISPHERE: usize = 31;
+const SOCKET: usize = 31;
+const HEMISPHERE: usize = 43;
 
 /// Kinds of limits by name, with the index range of each.
-pub const KINDS: [(&str, std::ops::Range<usize>); 10] = [
+pub const KINDS: [(&str, std::ops::Range<usize>); 11] = [
     ("arm_angle", ARM_HIGH..TELESCOPE),
     ("telescope_length", TELESCOPE..HOOKE),
     ("hooke_angle", HOOKE..SERIAL),
@@ -41,7 +43,8 @@ pub const KINDS: [(&str, std::ops::Range<usize>); 10] = [
     ("speed", SPEED..ACCELERATION),
     ("acceleration", ACCELERATION..TORQUE),
     ("torque", TORQUE..STRUT_FORCE),
-    ("strut_force", STRUT_FORCE..HEMISPHERE),
+    ("strut_force", STRUT_FORCE..SOCKET),
+    ("socket", SOCKET..HEMISPHERE),
     ("hemisphere", HEMISPHERE..LIMITS),
 ];
 
@@ -55,14 +58,14 @@ const ROOM: f64 = 0.01;
 /// Limits of a machine.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// Usable share of speed, acceleration, torque and dislocation force of the sockets.
+    /// Usable share of speed, acceleration, torque and hold of the sockets.
     pub share: f64,
     /// Additional restriction of the workspace.
     pub hemisphere: Option<Hemisphere>,
     speed: [f64; AXES],
     acceleration: [f64; AXES],
     torque: [f64; AXES],
-    strut_force: f64,
+    clamps: Clamps,
     /// Angle of the Hooke joints at their stops, rad; infinite without.
     hooke: f64,
     axes: usize,
@@ -87,25 +90,23 @@ impl Limits {
             speed: model.drives.map(|d| d.max_speed),
             acceleration: model.drives.map(|d| d.max_acceleration),
             torque: model.drives.map(|d| d.max_torque),
-            strut_force: match model.sockets.dislocation_force {
-                f if f > 0.0 => f,
-                _ => f64::INFINITY,
-            },
+            clamps: if model.assembled { Clamps::watched(&model.sockets) } else { Clamps::none() },
             hooke: if model.stops.hooke_stiffness > 0.0 { model.stops.hooke } else { f64::INFINITY },
         }
     }
 
     /// Normalised limits at one instant, none of which may exceed 1.
     ///
-    /// Speed, acceleration, torque and strut force (`loads`) are in units of the usable share. Angles and telescope
-    /// length are measured from the middle of their range, angles of Hooke joints from zero, in units of the distance to
-    /// the limit minus a margin for the tracking error.
+    /// Speed, acceleration, torque, strut force (as if it acted across its sockets alone) and load of the sockets
+    /// (`loads` along `motion`) are in units of the usable share. Angles and telescope length are measured from the
+    /// middle of their range, angles of Hooke joints from zero, in units of the distance to the limit minus a margin for
+    /// the tracking error.
     pub fn values(
         &self,
         geometry: &Geometry,
         platform: &PlatformState,
         joints: &JointState,
-        loads: &Output,
+        (motion, loads): (&Motion, &SocketLoads),
     ) -> [f64; LIMITS] {
         let mut out = [0.0; LIMITS];
         let within = |value: f64, [min, max]: [f64; 2]| {
@@ -128,11 +129,15 @@ impl Limits {
         for i in 0..self.axes {
             out[SPEED + i] = joints.qd[i].abs() / (self.share * self.speed[i]);
             out[ACCELERATION + i] = joints.qdd[i].abs() / (self.share * self.acceleration[i]);
-            out[TORQUE + i] = loads.tau[i].abs() / (self.share * self.torque[i]);
+            out[TORQUE + i] = loads.output.tau[i].abs() / (self.share * self.torque[i]);
         }
+        let Reactions { upper, lower } = &loads.output.reactions;
         for s in 0..STRUTS {
-            let force = loads.reactions.upper[s].abs().max(loads.reactions.lower[s].abs());
-            out[STRUT_FORCE + s] = force / (self.share * self.strut_force);
+            out[STRUT_FORCE + s] = upper[s].abs().max(lower[s].abs()) / (self.share * self.clamps.hold[s]);
+        }
+        let used = self.clamps.used(&self.clamps.margins(motion, &loads.sockets, SocketSet::ALL));
+        for (limit, used) in out[SOCKET..HEMISPHERE].iter_mut().zip(used) {
+            *limit = used / self.share;
         }
         if let Some(h) = &self.hemisphere {
             let d = platform.position - h.centre;

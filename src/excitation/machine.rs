@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::limits::{LIMITS, Limits};
 use super::series::{Basis, INPUTS, moved};
-use crate::dynamics::{Channel, Plant, PlantParameter, Sample as MotionSample, inverse_dynamics, regressor};
+use crate::dynamics::{Channel, Plant, PlantParameter, Sample as MotionSample, regressor, steady_socket_loads};
 use crate::effects::{ActiveEffect, Entry, Role};
 use crate::identification::filtering::MIN_HALF_WIDTH;
 use crate::identification::fit::nominal_size;
@@ -156,12 +156,12 @@ impl Machine {
         let mut own = vec![self.effects[0].initial_state()];
         own.extend(self.plant.steady_states(0.0, &motion));
         let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
-        let loads = inverse_dynamics(&self.plant, 0.0, &motion, &states[1..], true)?;
+        let loads = steady_socket_loads(&self.plant, 0.0, &motion)?;
         let effects: Vec<&ActiveEffect> = self.effects.iter().collect();
         let all = regressor(
             &self.plant,
             &effects,
-            &MotionSample { t: 0.0, motion: &motion, loads: &loads },
+            &MotionSample { t: 0.0, motion: &motion, loads: &loads.output },
             &states,
             &Channel::TORQUES,
         )?;
@@ -171,7 +171,7 @@ impl Machine {
             None => all[(i, self.columns[j])] * self.sizes[j] / self.noise[i],
             Some(k) => extra[k][i] / self.noise[i],
         });
-        let limits = self.limits.values(&self.plant.geometry, platform, &joints, &loads);
+        let limits = self.limits.values(&self.plant.geometry, platform, &joints, (&motion, &loads));
         if rows.iter().chain(&limits).any(|x| !x.is_finite()) {
             return Err(KinematicsError::Singular { q: [joints.q[0], joints.q[1], joints.q[2]] });
         }

@@ -49,7 +49,7 @@ pub struct Options {
     pub harmonics: usize,
     /// Number of periods of the run; only the standard errors depend on it.
     pub periods: usize,
-    /// Usable share of speed, acceleration, torque and dislocation force of the sockets.
+    /// Usable share of speed, acceleration, torque and hold of the sockets.
     pub share: f64,
     /// Additional restriction of the workspace.
     pub hemisphere: Option<Hemisphere>,

@@ -1,11 +1,12 @@
 use super::*;
-use crate::dynamics::inverse_dynamics;
-use crate::machine::AXES;
-use crate::model::testing::shipped;
+use crate::dynamics::{Channel, inverse_dynamics};
+use crate::machine::{AXES, Setup};
+use crate::model::testing::irb360;
 use crate::numerics::median;
+use crate::scenario::Course;
 
 fn model() -> Model {
-    shipped("irb360-6-1600")
+    irb360()
 }
 
 fn quick() -> Options {
@@ -197,4 +198,33 @@ fn a_stopped_search_still_gives_a_motion() {
     let design = design(&model(), &quick(), &|| false).unwrap();
     assert!(design.stopped && design.iterations == 0);
     assert!(design.worst.iter().all(|(_, share)| *share <= 1.0));
+}
+
+#[test]
+fn the_acceleration_limit_of_axis_4_counts_as_those_of_the_arms() {
+    let mut model = model();
+    model.drives[3].max_torque *= 100.0;
+    let drive = &mut model.drives[3];
+    drive.max_speed *= 100.0;
+    let bench = experiments::Bench {
+        model: &model,
+        setup: Setup::default(),
+        channels: Channel::of_drives(model.mechanism),
+        noise: &prospect::Noise::of(&model, &[], 2e-3),
+        datasets: &[],
+        seed: 1,
+    };
+    // ψ = A sin ωt at 2 Hz: A·ω² of 0.8 and 1.2 times the limit.
+    let omega = std::f64::consts::TAU * 2.0;
+    let turning = |share: f64| {
+        let psi = share * model.drives[3].max_acceleration / omega.powi(2);
+        let series = FourierMotion {
+            frequency: 2.0,
+            centre: [0.0, 0.0, -1.0, 0.0],
+            sine: vec![[0.0, 0.0, 0.0, psi]],
+            cosine: vec![[0.0; 4]],
+        };
+        bench.plan(experiments::Kind::Excitation, String::new(), &Course::Fourier(series)).is_some()
+    };
+    assert_eq!([0.8, 1.2].map(turning), [true, false]);
 }

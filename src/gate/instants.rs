@@ -66,13 +66,13 @@ pub fn plain(model: &Model, dataset: &Dataset) -> Plant {
 
 /// The plant with an additional kilogram of payload at the payload's centre of mass.
 pub fn heavier(plant: &Plant) -> Plant {
-    carrying(plant, 1.0)
+    carrying(plant, Inertia::point(1.0, plant.payload.com))
 }
 
-/// The plant with an additional `load`, kg, at the payload's centre of mass.
-pub fn carrying(plant: &Plant, load: f64) -> Plant {
+/// The plant with an additional `load` at its flange, in the end-effector frame.
+pub fn carrying(plant: &Plant, load: Inertia) -> Plant {
     let mut loaded = plant.clone();
-    let (carrier, load) = loaded.carrier(END_EFFECTOR, Inertia::point(load, plant.payload.com));
+    let (carrier, load) = loaded.carrier(END_EFFECTOR, load);
     loaded.bodies[carrier] += load;
     loaded
 }

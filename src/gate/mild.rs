@@ -1,10 +1,10 @@
-//! Findings that do not prevent a fit: lag, an unstated load, constant torques.
+//! Findings that do not prevent a fit: lag, a load that the setup does not state, constant torques.
 
-use super::instants::{Instants, Predicted, heavier};
+use super::instants::{Instants, Predicted};
+use super::load::{Load, carries};
 use super::low_pass::low_pass;
 use super::{Evidence, Finding, Problem, Remedy, rounded};
 use crate::dynamics::Plant;
-use crate::identification::Dataset;
 use crate::identification::least_squares::{LeastSquares, least_squares};
 use crate::identification::residuals::{difference, rms};
 use crate::kinematics::JointState;
@@ -14,12 +14,6 @@ use crate::model::Model;
 pub(super) const STEEPNESS: f64 = 100.0;
 /// Mean decrease of ln(unexplained) per axis required for a lag.
 const LAG_GAIN: f64 = 0.4;
-/// Smallest payload that is reported, kg.
-const PAYLOAD: f64 = 0.25;
-/// Share of the residual's variance that a payload must explain, and largest relative spread of its estimates by arm.
-const PAYLOAD_SHARE: (f64, f64) = (0.6, 0.25);
-/// Largest ratio of the residual with to that without the payload.
-const CARRIED: f64 = 0.7;
 /// Ratio to the noise that a constant must exceed, and share of the residual's mean square that it must explain.
 const OFFSET: (f64, f64) = (2.0, 0.5);
 
@@ -34,7 +28,7 @@ pub fn find(model: &Model, plant: &Plant, instants: &Instants) -> Vec<Finding> {
     let load = context.load();
     if let Some(load) = &load {
         for (series, z) in context.predicted.series.iter_mut().zip(&load.torques) {
-            series.iter_mut().zip(z).for_each(|(p, z)| *p += load.mass * z);
+            series.iter_mut().zip(z).for_each(|(p, z)| *p += z);
         }
     }
     let drives = context.friction.len();
@@ -42,22 +36,8 @@ pub fn find(model: &Model, plant: &Plant, instants: &Instants) -> Vec<Finding> {
     if let Some(other) = load.as_ref().and_then(|load| context.another_machine(load, &constants)) {
         return vec![other];
     }
-    load.and_then(|load| context.payload(&load)).into_iter().chain(constants).collect()
-}
-
-/// Finding about a load in addition to the stated payload, kg; `None` if they are less than nothing.
-pub fn carries(dataset: &Dataset, stated: f64, load: f64) -> Option<Finding> {
-    let total = stated + load;
-    let said = if stated == 0.0 { "states none".into() } else { format!("states {stated} kg") };
-    (total > 0.0).then(|| Finding {
-        recording: dataset.name.clone(),
-        axis: None,
-        problem: Problem::Payload,
-        severe: false,
-        evidence: Evidence { value: Some((total, 0.0)), ..Evidence::default() },
-        sentence: format!("the arms carry about {} kg at the flange, the setup {said}", rounded(total, 2)),
-        remedy: Remedy::PayloadMass(total),
-    })
+    let payload = load.and_then(|load| carries(instants.dataset, &plant.payload, &load));
+    payload.into_iter().chain(constants).collect()
 }
 
 /// Load that a recording shows and its setup does not state; `None` if there is no clear one.
@@ -65,31 +45,17 @@ pub fn load(model: &Model, plant: &Plant, instants: &Instants) -> Option<Load> {
     Context::new(model, plant, instants)?.load()
 }
 
-/// Mass at the flange in addition to the stated payload.
-pub struct Load {
-    /// Mass, kg.
-    pub mass: f64,
-    /// Its standard error for independent residuals, kg.
-    pub std: f64,
-    /// Torques of one kilogram by channel, N·m.
-    torques: Vec<Vec<f64>>,
-    /// RMS residual of the arms without the load, N·m.
-    pub before: f64,
-    /// RMS residual of the arms with the load, N·m.
-    pub after: f64,
-    /// RMS torque of the arms, N·m.
-    pub measured: f64,
-}
-
-struct Context<'a> {
-    plant: &'a Plant,
-    instants: &'a Instants<'a>,
+/// A recording without severe findings, and what its tests use.
+pub(super) struct Context<'a> {
+    pub(super) plant: &'a Plant,
+    pub(super) instants: &'a Instants<'a>,
     predicted: Predicted,
     /// Rate and its smooth sign, by axis.
-    friction: Vec<[Vec<f64>; 2]>,
-    joints: Vec<JointState>,
-    noise: Vec<f64>,
-    ones: Vec<f64>,
+    pub(super) friction: Vec<[Vec<f64>; 2]>,
+    pub(super) joints: Vec<JointState>,
+    /// Standard deviation of the noise by channel.
+    pub(super) noise: Vec<f64>,
+    pub(super) ones: Vec<f64>,
 }
 
 impl<'a> Context<'a> {
@@ -110,7 +76,8 @@ impl<'a> Context<'a> {
         possible.then(|| Self { plant, instants, predicted, friction, joints, noise: dataset.noise(model), ones })
     }
 
-    fn residual(&self, axis: usize, lag: isize) -> Vec<f64> {
+    /// Measured torque of an axis, `lag` samples later, minus the predicted one, N·m.
+    pub(super) fn residual(&self, axis: usize, lag: isize) -> Vec<f64> {
         difference(&self.instants.measured(axis, lag), &self.predicted.series[axis])
     }
 
@@ -177,57 +144,6 @@ impl<'a> Context<'a> {
         })
     }
 
-    /// Torques of an additional kilogram at the flange, by channel; `None` where a pose is unreachable.
-    fn kilogram(&self) -> Option<Vec<Vec<f64>>> {
-        let channels = &self.instants.dataset.channels;
-        let [heavy, plain] = [&heavier(self.plant), self.plant].map(|p| Predicted::new(p, channels, 0.0, &self.joints));
-        let possible = [&heavy, &plain].iter().all(|p| p.possible.iter().all(|p| *p));
-        let difference = |(h, p): (&Vec<f64>, &Vec<f64>)| h.iter().zip(p).map(|(h, p)| h - p).collect();
-        possible.then(|| heavy.series.iter().zip(&plain.series).map(difference).collect())
-    }
-
-    /// Residual of a series of one axis after regression on constant and friction.
-    fn beyond_friction(&self, axis: usize, y: &[f64]) -> Option<Vec<f64>> {
-        let [rate, sign] = &self.friction[axis];
-        let features = [&self.ones[..], rate, sign];
-        let fit = least_squares(&features, y)?;
-        Some((0..y.len()).map(|k| y[k] - (0..3).map(|a| fit.beta[a] * features[a][k]).sum::<f64>()).collect())
-    }
-
-    /// Additional mass at the flange on which all arms agree; `None` if there is none.
-    fn load(&self) -> Option<Load> {
-        if !self.plant.assembled {
-            return None;
-        }
-        let torques = self.kilogram()?;
-        let arms = self.plant.mechanism.arms();
-        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let (mut product, mut square, mut whole) = (0.0, 0.0, 0.0);
-        let mut each = Vec::new();
-        for i in 0..arms {
-            let (r, z) = (self.beyond_friction(i, &self.residual(i, 0))?, self.beyond_friction(i, &torques[i])?);
-            each.push(dot(&r, &z) / dot(&z, &z).max(f64::MIN_POSITIVE));
-            product += dot(&r, &z);
-            square += dot(&z, &z);
-            whole += dot(&r, &r);
-        }
-        let mass = product / square.max(f64::MIN_POSITIVE);
-        let share = product * mass / whole.max(f64::MIN_POSITIVE);
-        let alike = each.iter().all(|m| (m - mass).abs() < PAYLOAD_SHARE.1 * mass.abs());
-        let samples = (arms * self.ones.len()) as f64;
-        let std = ((1.0 - share).max(0.0) * whole / samples / square.max(f64::MIN_POSITIVE)).sqrt();
-        let arms = |loaded: f64| {
-            let rest =
-                |i: usize| self.residual(i, 0).into_iter().zip(torques[i].clone()).map(move |(r, z)| r - loaded * z);
-            rms(&(0..arms).flat_map(rest).collect::<Vec<_>>())
-        };
-        let (before, after) = (arms(0.0), arms(mass));
-        let drives = 0..self.plant.mechanism.arms();
-        let measured = rms(&drives.flat_map(|i| self.instants.measured(i, 0)).collect::<Vec<_>>());
-        let clear = mass.abs() > PAYLOAD && share > PAYLOAD_SHARE.0 && alike && after < CARRIED * before;
-        clear.then_some(Load { mass, std, torques, before, after, measured })
-    }
-
     /// A load and constants of one sign on all arms: arms of another weight, as neither a load nor a sensor causes
     /// them.
     fn another_machine(&self, load: &Load, constants: &[Finding]) -> Option<Finding> {
@@ -245,25 +161,18 @@ impl<'a> Context<'a> {
             problem: Problem::AnotherMachine,
             severe: true,
             evidence: Evidence {
-                value: Some((load.mass, load.std)),
+                value: Some((load.inertia.mass, load.std)),
                 rms_before: Some(load.before),
                 rms_after: Some(load.after),
                 ..Evidence::default()
             },
             sentence: format!(
                 "the arms carry {} kg more at the flange and constants of {} N·m: another machine",
-                rounded(load.mass, 2),
+                rounded(load.inertia.mass, 2),
                 text.join(", ")
             ),
             remedy: Remedy::Words("the model of the machine that was measured"),
         })
-    }
-
-    fn payload(&self, load: &Load) -> Option<Finding> {
-        let found = carries(self.instants.dataset, self.plant.payload.mass, load.mass)?;
-        let value = found.evidence.value.map(|(total, _)| (total, load.std));
-        let (rms_before, rms_after) = (Some(load.before), Some(load.after));
-        Some(Finding { evidence: Evidence { value, rms_before, rms_after, ..Evidence::default() }, ..found })
     }
 
     /// A constant torque of one axis.

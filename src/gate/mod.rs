@@ -8,6 +8,7 @@ mod alone;
 mod arrangement;
 mod instants;
 mod line;
+mod load;
 mod low_pass;
 mod mild;
 mod severe;
@@ -20,6 +21,7 @@ pub use line::Line;
 
 use self::instants::{Instants, Predicted, plain};
 use crate::identification::Dataset;
+use crate::machine::Payload;
 use crate::model::Model;
 
 /// Kind of a finding about a recording.
@@ -133,6 +135,8 @@ pub enum Remedy {
     Map(Vec<String>),
     /// Kilograms for `--payload-mass`.
     PayloadMass(f64),
+    /// The payload of a setup, where a mass on the axis does not explain the recording.
+    Payload(Payload),
     /// Any other remedy, as text.
     Words(&'static str),
 }
@@ -142,6 +146,13 @@ impl fmt::Display for Remedy {
         match self {
             Self::Map(assignments) => write!(f, "--map \"{}\"", assignments.join(", ")),
             Self::PayloadMass(mass) => write!(f, "--payload-mass {}", rounded(*mass, 3)),
+            Self::Payload(load) => {
+                let (mass, com, moment) = (load.mass, load.com.as_slice(), load.inertia_zz());
+                write!(
+                    f,
+                    "a setup with the line `payload = {{ mass = {mass:?}, com = {com:?}, inertia_zz = {moment:?} }}`"
+                )
+            }
             Self::Words(words) => f.write_str(words),
         }
     }

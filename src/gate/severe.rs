@@ -3,7 +3,8 @@
 use super::arrangement::{Arrangement, Judgement, Trial};
 use super::instants::{Instants, Predicted, carrying};
 use super::line::Line;
-use super::mild::{carries, load};
+use super::load::carries;
+use super::mild::load;
 use super::{Evidence, Finding, Problem, Remedy, rounded};
 use crate::dynamics::Plant;
 use crate::identification::Dataset;
@@ -53,23 +54,22 @@ pub fn find(model: &Model, plant: &Plant, instants: &Instants) -> Vec<Finding> {
     if let Some(finding) = plain.as_ref().and_then(|p| weightless(model, plant, instants, p)) {
         return vec![finding];
     }
-    let carried = || load(model, plant, instants).is_some_and(|l| l.after < CARRIED * l.before.min(l.measured));
-    let tried = strange && !carried();
-    let other = if tried { Trial::new(plant).best(instants) } else { None };
+    let carried = strange.then(|| load(model, plant, instants)).flatten();
+    if let Some(load) = carried.filter(|l| l.after < CARRIED * l.before.min(l.measured)) {
+        let loaded = carrying(plant, load.inertia);
+        let judged = Trial::new(&loaded).judge(instants, Arrangement::PLAIN);
+        let context = |judged| Context { model, plant: &loaded, instants, plain: Some(judged), judged };
+        return judged.as_ref().map_or_else(Vec::new, |judged| context(judged).findings());
+    }
+    let other = if strange { Trial::new(plant).best(instants) } else { None };
     let other = other.filter(|b| believable(b, plain.as_ref(), plant));
-    if let Some(found) = (tried && other.is_none()).then(|| with_load(model, plant, instants)).flatten() {
+    if let Some(found) = (strange && other.is_none()).then(|| with_load(model, plant, instants)).flatten() {
         return found;
     }
     let Some(judged) = other.as_ref().or(plain.as_ref()) else {
         return vec![impossible(plant, instants)];
     };
-    let context = Context { model, plant, instants, plain: plain.as_ref(), judged };
-    let found = context.axes();
-    match context.another_machine() {
-        Some(finding) if found.iter().all(|f| f.problem == Problem::Factor) => vec![finding],
-        _ if found.is_empty() => context.unrelated(),
-        _ => found,
-    }
+    Context { model, plant, instants, plain: plain.as_ref(), judged }.findings()
 }
 
 fn usual(line: &Line) -> bool {
@@ -92,7 +92,7 @@ fn with_load(model: &Model, plant: &Plant, instants: &Instants) -> Option<Vec<Fi
     let context = Context { model, plant, instants, plain: None, judged: &best };
     let arranged = context.arranged();
     let load = load(model, plant, &Instants::of(&arranged, super::INSTANTS))?;
-    let loaded = carrying(plant, load.mass);
+    let loaded = carrying(plant, load.inertia);
     let judged = Trial::new(&loaded).judge(instants, best.arrangement)?;
     let plain = Trial::new(&loaded).judge(instants, Arrangement::PLAIN);
     let context = Context { model, plant: &loaded, instants, plain: plain.as_ref(), judged: &judged };
@@ -100,7 +100,7 @@ fn with_load(model: &Model, plant: &Plant, instants: &Instants) -> Option<Vec<Fi
     if found.is_empty() {
         return None;
     }
-    found.extend(carries(instants.dataset, plant.payload.mass, load.mass));
+    found.extend(carries(instants.dataset, &plant.payload, &load));
     Some(found)
 }
 
@@ -205,6 +205,16 @@ impl Context<'_> {
             Some(gear)
         } else {
             near(slope / gear).then_some(1.0 / gear)
+        }
+    }
+
+    /// Findings about every axis, or about the machine as a whole where nothing else explains them.
+    fn findings(&self) -> Vec<Finding> {
+        let found = self.axes();
+        match self.another_machine() {
+            Some(finding) if found.iter().all(|f| f.problem == Problem::Factor) => vec![finding],
+            _ if found.is_empty() => self.unrelated(),
+            _ => found,
         }
     }
 

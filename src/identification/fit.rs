@@ -24,7 +24,7 @@ use super::consistency::complete;
 use super::normal_equations::{NormalEquations, UNIT_WEIGHTS};
 use super::prediction::is_local;
 use super::regularisation::GroupWeight;
-use super::{BaseParameter, Dataset, Residuals};
+use super::{BaseParameter, Dataset, Residuals, check_together};
 use crate::dynamics::{Plant, PlantParameter, in_configuration};
 use crate::effects::{Param, Role};
 use crate::evidence::Stop;
@@ -133,8 +133,8 @@ pub fn fit(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>]) -> Result<Fi
 /// channels.
 ///
 /// # Errors
-/// [`FitError`], if a recording is too short or has an impossible pose, configurations are mixed, no parameter or an
-/// unknown group of parameters is to be estimated, or the normal equations are not finite.
+/// [`FitError`], if a recording is too short or has an impossible pose, configurations or channels are mixed, no parameter
+/// or an unknown group of parameters is to be estimated, or the normal equations are not finite.
 ///
 /// # Panics
 /// If `datasets` is empty.
@@ -191,11 +191,7 @@ fn check(datasets: &[Dataset]) -> Result<(), FitError> {
     if let Some(short) = datasets.iter().find(|t| t.len() < MIN_SAMPLES) {
         return Err(FitError::TooShort { recording: short.name.clone(), samples: short.len(), needed: MIN_SAMPLES });
     }
-    if let Some(other) = datasets.iter().find(|t| t.setup.configuration != datasets[0].setup.configuration) {
-        let [first, second] = [&datasets[0], other].map(|t| t.name.clone());
-        return Err(FitError::Configurations { first, second });
-    }
-    Ok(())
+    check_together(datasets)
 }
 
 /// Estimates of all parameters, with the undetermined and the moved ones.

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::DVector;
 
 use super::fit::Options;
-use super::{BaseParameter, Dataset, Fit, FitError, Residuals, fit_with};
+use super::{BaseParameter, Dataset, Fit, FitError, Residuals, check_together, fit_with};
 use crate::effects::rigid_bodies;
 use crate::evidence::{t_quantile, t_statistic};
 use crate::machine::{Configuration, LinkParameters, Unit};
@@ -54,7 +54,7 @@ pub struct Differing {
 /// `noise[channel]` are the standard deviations of the channels.
 ///
 /// # Errors
-/// As [`fit_with`].
+/// As [`fit_with`], also if held-out recordings differ in configuration or channels.
 pub fn limb_test(
     fitted: &Fit,
     model: &Model,
@@ -66,6 +66,7 @@ pub fn limb_test(
     if !is_whole || !model.assembled {
         return Ok(None);
     }
+    check_together(datasets.iter().chain(held_out))?;
     let links = model.link_parameters;
     let other = Model { link_parameters: LinkParameters { each_limb: !links.each_limb, ..links }, ..model.clone() };
     let other = fit_with(&other, datasets, &vec![noise.to_vec(); datasets.len()], options)?;

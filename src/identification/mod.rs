@@ -23,6 +23,7 @@ pub mod regularisation;
 pub mod residuals;
 pub mod smoother;
 mod swapped;
+mod together;
 pub mod uncertainty;
 pub mod zeros;
 
@@ -35,3 +36,4 @@ pub use payload::{PayloadFit, identify_payload};
 pub use prediction::{averaged_columns, columns, predict};
 pub use residuals::Residuals;
 pub use swapped::swapped;
+pub use together::check_together;

@@ -103,10 +103,10 @@ impl Uncertainty {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::testing::shipped;
+    use crate::model::testing::irb360;
 
     fn friction() -> (Model, Uncertainty) {
-        let model = shipped("irb360-6-1600");
+        let model = irb360();
         let names = ["drive_friction.viscous_1", "drive_friction.viscous_2", "drive_friction.coulomb_1"];
         // Correlation −0.8 between the first and the third; the second is not determined at all.
         let covariance = DMatrix::from_row_slice(3, 3, &[4e-4, 0.0, -8e-4, 0.0, 1e4, 0.0, -8e-4, 0.0, 2.5e-3]);

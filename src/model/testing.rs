@@ -1,97 +1,100 @@
-//! Shipped models for unit tests.
+//! Machines for unit tests, with the numbers of the shipped model files.
 
-use std::path::Path;
-
-use super::{Added, Meshes, Model};
+use super::{Meshes, Model};
 use crate::effects::{ActiveEffect, Effects, find};
-use crate::machine::{
-    Actuator, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops,
-};
+use crate::machine::bodies::{ARM, BODIES, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{ARMS, Bodies, Drive, Inertia, Joint, LinkParameters, Mechanism, Noise, STRUTS, Sockets, Stops};
 
-/// A struct of this crate built from one with the same fields.
-macro_rules! copy {
-    ($name:ident { $($field:ident),* $(,)? } of $from:expr) => {
-        $name { $($field: $from.$field),* }
-    };
+/// `models/irb360-6-1600.toml`: paper's identified model.
+pub(crate) fn irb360() -> Model {
+    robot(&[
+        ("drive_friction", &[&[4.667, 4.376, 6.466], &[1.727, 2.064, 1.557], &[100.0]]),
+        ("axis4_friction", &[&[0.5272], &[0.6672], &[8.5919]]),
+        ("telescope_friction", &[&[1.641], &[1.247], &[100.0]]),
+    ])
 }
 
-/// The geometry as read, whose type is another one.
-macro_rules! geometry {
-    ($from:expr) => {{
-        let text = format!("{:?}", $from.arms);
-        let inclination = text.split([':', '}']).nth(1).and_then(|number| number.trim().parse().ok());
-        Geometry {
-            arms: inclination.map_or(Actuator::Revolute, |inclination| Actuator::Prismatic { inclination }),
-            base_radius: $from.base_radius,
-            arm_length: $from.arm_length,
-            strut_length: $from.strut_length,
-            platform_radius: $from.platform_radius,
-            pair_distance: $from.pair_distance,
-            mounting_height: $from.mounting_height,
-            upper_hooke_height: $from.upper_hooke_height,
-            lower_hooke_height: $from.lower_hooke_height,
-            flange_height: $from.flange_height,
-            arm_limits: $from.arm_limits,
-            telescope_limits: $from.telescope_limits,
-        }
-    }};
+/// `models/irb360-6-1600-truth.toml`: friction of the disassembled drives and of the ball sockets.
+pub(crate) fn irb360_truth() -> Model {
+    robot(&[
+        ("drive_friction", &[&[4.2, 4.1, 5.8], &[0.28, 0.42, 0.45], &[100.0]]),
+        ("axis4_friction", &[&[0.5272], &[0.6672], &[8.5919]]),
+        ("telescope_friction", &[&[1.641], &[1.247], &[100.0]]),
+        ("ball_socket_viscous", &[&[0.3]]),
+        ("ball_socket_coulomb", &[&[0.285], &[0.05]]),
+    ])
 }
 
-/// The model in `models/<name>.toml`.
-///
-/// The reader links the library as other crates do, not as built for unit tests: its types are distinct types of the
-/// same names, from which every field is copied.
-pub(crate) fn shipped(name: &str) -> Model {
-    let read = deltatwin_io::model::read(Path::new(&format!("models/{name}.toml"))).expect("a shipped model");
-    let mechanism = match (read.mechanism.arms(), format!("{:?}", read.mechanism).as_str()) {
-        (1, text) if text.contains("Revolute") => Mechanism::axis(Joint::Revolute),
-        (1, _) => Mechanism::axis(Joint::Prismatic),
-        (_, text) if text.contains("Prismatic") => Mechanism::LINEAR_DELTA,
-        _ => Mechanism::delta(read.mechanism.has_telescope()),
+/// The drive of `models/servo-axis.toml` on a slide without friction.
+pub(crate) fn slide() -> Model {
+    let mut model = robot(&[]);
+    (model.name, model.mechanism, model.assembled) = ("slide".into(), Mechanism::axis(Joint::Prismatic), false);
+    model.drives[0] = Drive {
+        gear_ratio: 314.159265,
+        encoder_bits: 17,
+        max_torque: 600.0,
+        max_speed: 1.0,
+        max_acceleration: 20.0,
+        max_jerk: 1000.0,
     };
+    model
+}
+
+/// The robot of [Gnad 2024] with the given effects and their blocks of values.
+fn robot(effects: &[(&str, &[&[f64]])]) -> Model {
+    let arm = Drive {
+        gear_ratio: 33.0,
+        encoder_bits: 15,
+        max_torque: 132.0,
+        max_speed: 18.989,
+        max_acceleration: 87.266,
+        max_jerk: 1745.33,
+    };
+    let telescope = Drive { max_torque: 45.0, max_speed: 55.851, max_acceleration: 349.07, max_jerk: 6981.3, ..arm };
+    let mut bodies = [Inertia::ZERO; BODIES];
+    bodies[ARM..ARM + ARMS].fill(Inertia::diagonal(1.6, [0.176, 0.0, 0.006], [0.1, 0.258, 0.258]));
+    bodies[STRUT..STRUT + STRUTS].fill(Inertia::diagonal(0.179, [0.076, 0.0, 0.0], [1.5e-5, 0.075, 0.075]));
+    bodies[PLATFORM] = Inertia::diagonal(1.2, [0.0, 0.0, -0.024], [0.005, 0.005, 0.006]);
+    bodies[ROTOR] = Inertia::diagonal(1.0, [0.0; 3], [0.003; 3]);
+    bodies[TELESCOPE_UPPER] = Inertia::diagonal(0.922, [0.0, 0.0, -0.219], [0.084, 0.084, 1.9e-5]);
+    bodies[TELESCOPE_LOWER] = Inertia::diagonal(0.557, [0.0, 0.0, 0.146], [0.077, 0.077, 3e-5]);
+    let active =
+        |(name, blocks): &(&str, &[&[f64]])| ActiveEffect::new(find(name).expect("an effect of the registry"), blocks);
     let mut model = Model {
-        name: read.name.clone(),
-        path: read.path.clone(),
-        source: read.source.clone(),
-        mechanism,
-        assembled: read.assembled,
-        geometry: geometry!(read.geometry),
-        bodies: Bodies(read.bodies.0.map(|b| copy!(Inertia { mass, first_moment, tensor } of b))),
+        name: "irb360-6-1600".into(),
+        path: None,
+        source: None,
+        mechanism: Mechanism::default(),
+        assembled: true,
+        geometry: crate::machine::testing::geometry(),
+        bodies: Bodies(bodies),
         link_parameters: LinkParameters::default(),
-        drives: read
-            .drives
-            .map(|d| copy!(Drive { gear_ratio, encoder_bits, max_torque, max_speed, max_acceleration, max_jerk } of d)),
-        sockets: copy!(Sockets { ball_radius, preload, dislocation_force, clamp_share, spin_damping } of read.sockets),
-        stops: copy!(Stops {
-            arm,
-            arm_stiffness,
-            arm_damping,
-            hooke,
-            hooke_stiffness,
-            hooke_damping,
-            telescope_stiffness,
-            telescope_damping,
-        } of read.stops),
-        noise: copy!(Noise { torque, strut_force } of read.noise),
-        gravity: read.gravity,
-        sample_time: read.sample_time,
+        drives: [arm, arm, arm, telescope],
+        sockets: Sockets {
+            ball_radius: 0.0095,
+            preload: 200.0,
+            dislocation_force: 200.0,
+            clamp_share: 0.0,
+            spin_damping: 1000.0,
+        },
+        stops: Stops {
+            arm: [-0.805, 1.847],
+            arm_stiffness: 2e4,
+            arm_damping: 0.05,
+            hooke: 1.05,
+            hooke_stiffness: 2e3,
+            hooke_damping: 0.05,
+            telescope_stiffness: 1e5,
+            telescope_damping: 0.3,
+        },
+        noise: Noise { torque: [0.5, 0.5, 0.5, 0.05], strut_force: 0.5 },
+        gravity: 9.81,
+        sample_time: 400e-6,
         effects: Effects::default(),
-        history: read
-            .history
-            .iter()
-            .map(|a| copy!(Added { effect, channels, rms_before, rms_after, noise_floor, held_out } of a.clone()))
-            .collect(),
+        history: Vec::new(),
         meshes: Meshes::default(),
     };
     let host = model.host();
-    model.effects = read
-        .effects
-        .iter()
-        .map(|a| {
-            let blocks: Vec<&[f64]> = (0..a.effect.parameters().len()).map(|b| a.values().block(b)).collect();
-            let effect = find(a.effect.name()).expect("an effect of the registry");
-            ActiveEffect { host, ..ActiveEffect::new(effect, &blocks) }
-        })
-        .collect();
+    model.effects = effects.iter().map(|effect| ActiveEffect { host, ..active(effect) }).collect();
     model
 }

@@ -1,13 +1,14 @@
 //! Residual of a model along a stream of samples, window by window.
 
-use crate::constraint_forces::{Detail, MULTIPLIERS, constraint_forces};
 use crate::dynamics::Plant;
 use crate::identification::fit::{FitError, kinematics};
 use crate::identification::prediction::Channels;
 use crate::identification::{Dataset, Residuals, predict};
-use crate::machine::{AXES, Mechanism, STRUTS, Setup};
+use crate::kinematics::motion::SOCKETS;
+use crate::machine::{AXES, Mechanism, Part, STRUTS, Setup};
 use crate::model::Model;
 use crate::recording::{Recording, Signals, sample_time};
+use crate::twin::Clamps;
 
 /// Duration of a window, s, and its least number of samples.
 const WINDOW: (f64, usize) = (1.0, 50);
@@ -40,8 +41,9 @@ pub struct Loads {
     pub strut_upper: [f64; STRUTS],
     /// The same at the platform end.
     pub strut_lower: [f64; STRUTS],
-    /// Least margin of each ball socket to the dislocation force, N: six at the elbows, six at the platform.
-    pub margin: [f64; 2 * STRUTS],
+    /// Least margin of each ball socket against dislocation, see [`Clamps::margins`], N: six at the elbows, six at the
+    /// platform.
+    pub margin: [f64; SOCKETS],
 }
 
 /// One window of the residual.
@@ -139,28 +141,24 @@ impl Sliding {
 
     /// Loads on struts and sockets over the window.
     fn loads(&self, dataset: &Dataset) -> Result<Option<Loads>, FitError> {
-        if !self.plant.assembled || self.plant.mechanism != Mechanism::delta(true) {
+        if !self.plant.has(Part::Linkage) {
             return Ok(None);
         }
-        let mut largest = [0.0f64; MULTIPLIERS];
+        let clamps = Clamps::watched(&self.model.sockets);
+        let mut loads =
+            Loads { strut_upper: [0.0; STRUTS], strut_lower: [0.0; STRUTS], margin: [f64::INFINITY; SOCKETS] };
         for k in (0..dataset.len()).step_by((dataset.len() / INSTANTS).max(1)) {
-            let forces = (|| {
-                let pose = self.plant.motion(&dataset.joints[k])?;
-                let own = self.plant.steady_states(dataset.t[k], &pose);
-                let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
-                constraint_forces(&self.plant, dataset.t[k], &pose, &states, Detail::Complete)
-            })();
-            let forces = forces.map_err(kinematics(dataset))?.to_array();
-            largest.iter_mut().zip(forces).filter(|(l, f)| f.abs() > l.abs()).for_each(|(l, f)| *l = f);
+            let motion = self.plant.motion(&dataset.joints[k]);
+            let found = motion.and_then(|motion| clamps.along(&self.plant, dataset.t[k], &motion));
+            let (output, margins) = found.map_err(kinematics(dataset))?;
+            for (largest, forces) in
+                [(&mut loads.strut_upper, output.reactions.upper), (&mut loads.strut_lower, output.reactions.lower)]
+            {
+                largest.iter_mut().zip(forces).filter(|(l, f)| f.abs() > l.abs()).for_each(|(l, f)| *l = f);
+            }
+            loads.margin.iter_mut().zip(margins).for_each(|(least, margin)| *least = least.min(margin));
         }
-        let of = |first: usize| -> [f64; STRUTS] { std::array::from_fn(|s| largest[first + s]) };
-        let (strut_lower, strut_upper) = (of(6), of(12));
-        let hold = self.model.sockets.dislocation_force;
-        let margin = std::array::from_fn(|s| {
-            let force = if s < STRUTS { strut_upper[s] } else { strut_lower[s - STRUTS] };
-            hold - force.abs()
-        });
-        Ok(Some(Loads { strut_upper, strut_lower, margin }))
+        Ok(Some(loads))
     }
 }
 

@@ -21,6 +21,12 @@ pub fn deviation(values: &[f64]) -> f64 {
     (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / count).sqrt()
 }
 
+/// The larger magnitude of two errors; NaN if one of them is NaN, which `f64::max` drops.
+pub fn worst(a: f64, b: f64) -> f64 {
+    let (a, b) = (a.abs(), b.abs());
+    if a < b || b.is_nan() { b } else { a }
+}
+
 /// Subinterval of `bracket` after a number of `halvings`, around the largest value at which `holds` is true.
 ///
 /// `holds` is assumed to be true at the lower end and false from some value to the upper end; it is not evaluated at
@@ -54,6 +60,14 @@ pub fn halvings(width: f64, tolerance: f64) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_worst_error_is_the_one_that_is_not_a_number() {
+        assert_eq!([worst(-3.0, 1.0), worst(1.0, -3.0), worst(0.0, f64::NEG_INFINITY)], [3.0, 3.0, f64::INFINITY]);
+        for errors in [[f64::NAN, 1.0, 2.0], [1.0, f64::NAN, 2.0], [1.0, 2.0, f64::NAN]] {
+            assert!(errors.into_iter().fold(0.0, worst).is_nan(), "{errors:?}");
+        }
+    }
 
     #[test]
     fn medians_by_hand() {

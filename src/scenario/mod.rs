@@ -19,6 +19,9 @@ use crate::kinematics::motion::SOCKETS;
 use crate::machine::{AXES, Payload, STRUTS, Setup};
 use crate::model::Model;
 
+/// Integration steps per sample time where a scenario states none.
+pub const SUBSTEPS: usize = 2;
+
 /// Density of air at 20 °C and 1013 hPa, kg/m³.
 const AIR_DENSITY: f64 = 1.2;
 
@@ -37,8 +40,8 @@ pub struct Scenario {
     pub seed: u64,
     /// Whether sensor signals are noisy and quantised.
     pub noise: bool,
-    /// Integration steps per control period.
-    pub substeps: usize,
+    /// Integration steps per sample time, if stated; otherwise [`SUBSTEPS`].
+    pub substeps: Option<usize>,
     /// Sample times per control period.
     pub control_period: usize,
     /// Torque between two control instants.

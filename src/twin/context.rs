@@ -15,6 +15,7 @@ use crate::dynamics::Plant;
 use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
 use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT};
 use crate::machine::{ARMS, AXES, STRUTS};
+use crate::numerics::worst;
 
 /// Change of the solution below which the iteration over laws that depend on it stops, N, rad/s² or m/s².
 const TOLERANCE: f64 = 1e-9;
@@ -293,7 +294,7 @@ impl Context {
                 return Ok(solution);
             }
             if iteration == MAX_ITERATIONS {
-                scratch.unconverged = scratch.unconverged.max(change);
+                scratch.unconverged = worst(scratch.unconverged, change);
                 return Ok(solution);
             }
             if let Some(mixing) = &mut mixing {
@@ -372,10 +373,9 @@ fn carry(plant: &Plant, motion: &Motion, wrenches: &mut [Twist; BODIES]) {
     }
 }
 
+/// Largest difference of two answers; NaN if one is.
 fn change(a: &Answer, b: &Answer) -> f64 {
-    let worst = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
-    worst(&a.reactions.upper, &b.reactions.upper)
-        .max(worst(&a.reactions.lower, &b.reactions.lower))
-        .max(worst(&a.drives, &b.drives))
-        .max(worst(a.platform.as_slice(), b.platform.as_slice()))
+    let beyond = |least: f64, a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x - y).fold(least, worst);
+    let forces = beyond(beyond(0.0, &a.reactions.upper, &b.reactions.upper), &a.reactions.lower, &b.reactions.lower);
+    beyond(beyond(forces, &a.drives, &b.drives), a.platform.as_slice(), b.platform.as_slice())
 }

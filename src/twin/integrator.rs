@@ -5,6 +5,7 @@
 //! struts, stiff internal states. With W = 0 and γ = 0 the same loop is an explicit Runge–Kutta method.
 
 use super::SingularPose;
+use crate::numerics::worst;
 
 /// Largest number of stages.
 const STAGES: usize = 4;
@@ -120,16 +121,12 @@ impl Stepper {
 
 impl Stepper {
     /// Largest error of the first `count` entries of the state in the last step, of `h` s with `tableau`: the
-    /// difference of the embedded solution, in the units of the state. Zero for a method without one.
+    /// difference of the embedded solution, in the units of the state; NaN if one is. Zero for a method without one.
     pub fn error(&self, tableau: &Tableau, h: f64, count: usize) -> f64 {
         let Some(embedded) = &tableau.embedded else { return 0.0 };
         let [a, b, c, d] = std::array::from_fn(|i| h * (tableau.b[i] - embedded[i]));
         let [first, second, third, fourth] = &self.k;
-        let mut worst = 0f64;
-        for at in 0..count {
-            worst = worst.max((a * first[at] + b * second[at] + c * third[at] + d * fourth[at]).abs());
-        }
-        worst
+        (0..count).map(|at| a * first[at] + b * second[at] + c * third[at] + d * fourth[at]).fold(0.0, worst)
     }
 }
 
@@ -241,6 +238,21 @@ mod tests {
             (explicit - 4.0).abs() < 0.1 && (whole - 3.0).abs() < 0.1 && (partial - 3.0).abs() < 0.2,
             "{explicit} {whole} {partial}"
         );
+    }
+
+    #[test]
+    fn a_rate_that_is_not_a_number_is_an_error_that_is_not_one() {
+        for rest in [(250.0, 3.0), (f64::NAN, 3.0)] {
+            let mut system = Oscillator { steep: (150.0, 1.0), rest };
+            let mut stepper = Stepper::new(2);
+            stepper.step(&ROS34PW2, &mut system, 0.0, &mut [1.0, 0.0], 1e-3).unwrap();
+            let error = stepper.error(&ROS34PW2, 1e-3, 2);
+            assert_eq!(error.is_nan(), rest.0.is_nan(), "{error}");
+        }
+        // Finite entries after the one that is not a number do not hide it.
+        let mut stepper = Stepper::new(3);
+        stepper.k[1] = vec![1.0, f64::NAN, 1.0];
+        assert!(stepper.error(&ROS34PW2, 1e-3, 3).is_nan() && stepper.error(&ROS34PW2, 1e-3, 1) > 0.0);
     }
 
     #[test]

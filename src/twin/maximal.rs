@@ -44,6 +44,7 @@ use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{BodyMotion, Reactions, SocketSet};
 use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER};
 use crate::machine::{Bodies, Inertia, STRUTS};
+use crate::numerics::worst;
 
 /// Two vectors (inertial axes) at a body's origin: velocity and angular velocity, their derivatives, or force and
 /// moment.
@@ -297,7 +298,7 @@ impl MaximalCoordinates {
 
     /// Largest violation of a row at the last pose, m or 1.
     pub fn violation(&self) -> f64 {
-        self.0.rows.values.iter().fold(0.0, |worst, c| worst.max(c.abs()))
+        self.0.rows.values.iter().copied().fold(0.0, worst)
     }
 
     /// Force on the strut at each socket from the last solution, N, inertial axes; zero where open.
@@ -510,11 +511,6 @@ impl Workspace {
         let load = worst(sizes[0] / terms[0], sizes[1] / terms[1]);
         ((loads, load), (rows, sizes[2] / terms[2]))
     }
-}
-
-/// The larger magnitude; NaN if one of the two is NaN.
-fn worst(a: f64, b: f64) -> f64 {
-    if a.abs() < b.abs() || b.is_nan() { b.abs() } else { a }
 }
 
 /// Spatial inertia about the body's origin, inertial axes: [m + D_v, −h× + D_cᵀ; h× + D_c, Θ + D_ω] with h = m·c.

@@ -113,7 +113,7 @@ impl Options {
         let gains = Gains::of(model);
         Self {
             duration: scenario.duration,
-            substeps: scenario.substeps,
+            substeps: scenario.substeps.unwrap_or(scenario::SUBSTEPS),
             control_period: scenario.control_period,
             hold_torque: scenario.hold_torque,
             formulation: scenario.formulation,

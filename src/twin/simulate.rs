@@ -25,6 +25,7 @@ use crate::kinematics::{JointState, Motion, SocketSet, Target};
 use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM};
 use crate::machine::{AXES, Configuration, Inertia, Mechanism, STRUTS, Setup, Unit};
 use crate::model::Model;
+use crate::numerics::worst;
 use crate::recording::{Recording, Signals};
 use crate::scenario::{ActionKind, HoldTorque, Trip};
 
@@ -473,7 +474,7 @@ impl<'a> Run<'a> {
             watcher.see(None, &self.report.events[self.watched..]);
         }
         self.report.kinetic_energy = self.kinetic_energy();
-        self.report.energy_error = self.report.energy_error.max(self.twin.energy_balance().abs());
+        self.report.energy_error = worst(self.report.energy_error, self.twin.energy_balance());
         self.report.energy_error /= self.turned_over.max(LEAST_WORK);
         self.report.closed = self.twin.closed();
         self.report.unconverged = self.twin.unconverged();

@@ -19,8 +19,9 @@
 
 use nalgebra::Vector3;
 
+use crate::dynamics::{Output, Plant, SocketLoads, steady_socket_loads};
 use crate::kinematics::motion::SOCKETS;
-use crate::kinematics::{Motion, SocketSet};
+use crate::kinematics::{KinematicsError, Motion, SocketSet};
 use crate::machine::bodies::STRUT;
 use crate::machine::{STRUTS, Sockets};
 
@@ -77,6 +78,26 @@ impl Clamps {
                 // Without preload, any load that does not seat the cup removes it.
                 -load.across - load.pull.max(0.0)
             }
+        })
+    }
+
+    /// Drive torques and strut forces of an assembled robot along a known motion, and the margins of its closed sockets,
+    /// N.
+    ///
+    /// # Errors
+    /// Those of [`steady_socket_loads`].
+    pub fn along(&self, plant: &Plant, t: f64, motion: &Motion) -> Result<(Output, [f64; SOCKETS]), KinematicsError> {
+        let SocketLoads { output, sockets } = steady_socket_loads(plant, t, motion)?;
+        Ok((output, self.margins(motion, &sockets, SocketSet::ALL)))
+    }
+
+    /// Share of its hold that each socket uses where `margins` (N) are left, 1 at the limit; 1 without hold, 0 with an
+    /// infinite one.
+    pub fn used(&self, margins: &[f64; SOCKETS]) -> [f64; SOCKETS] {
+        std::array::from_fn(|s| match self.hold[s] {
+            f64::INFINITY => 0.0,
+            hold if hold > 0.0 => 1.0 - margins[s] / hold,
+            _ => 1.0,
         })
     }
 

@@ -154,12 +154,12 @@ mod tests {
     use crate::effects::testing;
     use crate::kinematics::JointState;
     use crate::machine::{Setup, Stops};
-    use crate::model::testing::shipped;
+    use crate::model::testing::irb360;
     use crate::numerics::{bisect, halvings};
     use crate::twin::{Torque, Twin};
 
-    fn plant(name: &str, change: impl FnOnce(&mut Stops)) -> Plant {
-        let mut model = shipped(name);
+    fn plant(change: impl FnOnce(&mut Stops)) -> Plant {
+        let mut model = irb360();
         model.effects.clear();
         change(&mut model.stops);
         Plant::new(&model, &Setup::default())
@@ -167,7 +167,7 @@ mod tests {
 
     /// Independent arms without weight: Θ·q̈ = −k·x·(1 + χ·ẋ) beyond the stop.
     fn lone_arms(damping: f64) -> Plant {
-        let mut plant = plant("irb360-6-1600", |stops| stops.arm_damping = damping);
+        let mut plant = plant(|stops| stops.arm_damping = damping);
         (plant.assembled, plant.gravity) = (false, 0.0);
         plant
     }
@@ -210,7 +210,7 @@ mod tests {
 
     #[test]
     fn loads_at_a_telescope_too_long_and_a_hooke_joint_bent_too_far_by_hand() {
-        let plant = plant("irb360-6-1600", |_| {});
+        let plant = plant(|_| {});
         let stops = plant.stops;
         let mut motion = testing::still();
         motion.telescope.length = 1.372 + 2e-3;

@@ -20,6 +20,11 @@ pub fn root() -> PathBuf {
     package.ancestors().find(|p| p.join("scenarios").is_dir()).expect("the root of the workspace").into()
 }
 
+/// A file of the repository by its name there.
+pub fn shipped(file: impl AsRef<Path>) -> PathBuf {
+    root().join(file)
+}
+
 /// Shipped files are named from the root from now on, as in a shell that stands there.
 pub fn at_root() {
     std::env::set_current_dir(root()).expect("a folder");
@@ -32,7 +37,7 @@ pub fn is_scenario(path: &Path) -> bool {
 
 /// Files of the shipped runs, by name.
 pub fn runs() -> Vec<PathBuf> {
-    let files = std::fs::read_dir("scenarios").expect("a folder").map(|e| e.expect("an entry").path());
+    let files = std::fs::read_dir(shipped("scenarios")).expect("a folder").map(|e| e.expect("an entry").path());
     let mut runs: Vec<_> = files.filter(|p| p.extension().is_some_and(|e| e == "toml") && is_scenario(p)).collect();
     runs.sort();
     assert!(runs.len() >= 12, "{runs:?}");

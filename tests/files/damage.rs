@@ -63,6 +63,68 @@ fn damage_in_a_file_that_is_cut_short_costs_its_chunk_too() {
     assert!(most > 0, "no chunk was hit");
 }
 
+/// Bytes of each chunk of an MCAP file with the indexes of its messages behind it.
+fn chunks(bytes: &[u8]) -> Vec<std::ops::Range<usize>> {
+    let mut found: Vec<std::ops::Range<usize>> = Vec::new();
+    let mut at = 8;
+    while at + 9 <= bytes.len() - 8 {
+        let end = at + 9 + u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+        match (bytes[at], found.last_mut()) {
+            (0x06, _) => found.push(at..end),
+            (0x07, Some(last)) if last.end == at => last.end = end,
+            _ => {}
+        }
+        at = end;
+    }
+    found
+}
+
+#[test]
+fn chunks_that_are_swapped_or_doubled_are_put_in_order() {
+    let folder = folder();
+    let path = folder.path().join("run.mcap");
+    let whole = run(3_000);
+    recording::write(&whole, &path).unwrap();
+    let bytes = fs::read(&path).unwrap();
+    let chunks = chunks(&bytes);
+    assert!(chunks.len() > 6, "{chunks:?}");
+    let (first, second) = (chunks[3].clone(), chunks[4].clone());
+    assert_eq!(first.end, second.start);
+    let [before, a, b, after] =
+        [&bytes[..first.start], &bytes[first.clone()], &bytes[second.clone()], &bytes[second.end..]];
+    for (parts, why) in [
+        ([before, b, a, after].concat(), "sorted by their log times"),
+        ([before, a, a, b, after].concat(), "samples repeat the one before"),
+        ([before, a, b, a, after].concat(), "samples repeat the one before"),
+    ] {
+        fs::write(&path, parts).unwrap();
+        let (back, warnings) = read(&path);
+        assert!(back.signals == whole.signals, "{warnings:?}");
+        assert!(warnings.iter().any(|w| w.contains(why)), "{why}: {warnings:?}");
+    }
+}
+
+#[test]
+fn damaged_first_or_last_bytes_cost_a_warning() {
+    let folder = folder();
+    let whole = run(1_000);
+    let name = folder.path().join("run.mcap");
+    recording::write(&whole, &name).unwrap();
+    let bytes = fs::read(&name).unwrap();
+    let last = bytes.len() - 8;
+    // By its content alone, too.
+    for path in [name, folder.path().join("run")] {
+        for place in (0..8).chain(last..bytes.len()) {
+            let mut damaged = bytes.clone();
+            damaged[place] ^= 0x20;
+            fs::write(&path, damaged).unwrap();
+            let (back, warnings) = read(&path);
+            assert!(back.signals == whole.signals, "byte {place}: {warnings:?}");
+            assert!(place >= last || warnings.iter().any(|w| w.contains("first bytes are damaged")), "{warnings:?}");
+        }
+    }
+}
+
 /// An MCAP file of records given as opcode and body.
 fn mcap_of(records: &[(u8, Vec<u8>)]) -> Vec<u8> {
     let mut out = b"\x89MCAP0\r\n".to_vec();

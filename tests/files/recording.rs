@@ -428,6 +428,71 @@ fn sqlite_bags_are_read() {
     }
 }
 
+/// A small file that computes its values, or whose pages are read many times, is refused before it takes time and memory.
+#[test]
+fn sqlite_files_that_are_not_tables_of_values_are_refused() {
+    let folder = folder();
+    let topics = "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT);
+                  INSERT INTO topics VALUES(2, '/joint_states', 'sensor_msgs/msg/JointState', 'cdr');";
+    let messages = "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB);
+                    INSERT INTO messages VALUES(1, 2, 5, x'00');";
+    let path = folder.path().join("run.db3");
+    let write = |statements: &str| {
+        let _ = fs::remove_file(&path);
+        rusqlite::Connection::open(&path).unwrap().execute_batch(statements).unwrap();
+    };
+    // Added to rows that are there: who writes a row computes them once.
+    let computed = "CREATE TABLE topics(id INTEGER PRIMARY KEY, type TEXT, serialization_format TEXT);
+                    INSERT INTO topics VALUES(1, 'sensor_msgs/msg/JointState', 'cdr');
+                    ALTER TABLE topics ADD COLUMN name TEXT AS (hex(zeroblob(400000000))) VIRTUAL;";
+    write(&format!("{computed}{messages}"));
+    contains(&refused_inside(&path), &["run.db3", "column `name` of the table `topics` is computed"]);
+    let computed = "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER);
+                    WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 400)
+                    INSERT INTO messages SELECT i, 2, i FROM n;
+                    ALTER TABLE messages ADD COLUMN data BLOB AS
+                    (cast(length(replace(hex(zeroblob(20000000 + id)), '00', '111')) as blob)) VIRTUAL;";
+    write(&format!("{topics}{computed}"));
+    contains(&refused_inside(&path), &["column `data` of the table `messages` is computed"]);
+    let stored = "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER,
+                                        data BLOB AS (zeroblob(4)) STORED);
+                  INSERT INTO messages(topic_id, timestamp) VALUES(2, 5);";
+    write(&format!("{topics}{stored}"));
+    contains(&refused_inside(&path), &["column `data` of the table `messages` is computed"]);
+    write(&format!("{topics}CREATE VIEW messages AS SELECT 1 AS id, 2 AS topic_id, 5 AS timestamp, x'00' AS data;"));
+    contains(&refused_inside(&path), &["no table `messages`"]);
+    write(&format!("{topics}CREATE VIRTUAL TABLE messages USING fts5(topic_id, timestamp, data);"));
+    contains(&refused_inside(&path), &["no table `messages`"]);
+
+    // One leaf of `messages` below four levels of pages, each of which names the next 64 times: 16 million rows in 5 kB.
+    write(&format!("PRAGMA page_size = 512; {topics}{}", messages.replace("1, 2, 5", "1, 9, 5")));
+    let mut bytes = fs::read(&path).unwrap();
+    let pages = bytes.len() / 512;
+    let parent_of = |page: usize| {
+        let mut parent = vec![0; 512];
+        let cells = 64;
+        parent[..12].copy_from_slice(&[5, 0, 0, 0, cells, 1, 0, 0, 0, 0, 0, page as u8]);
+        for k in 0..usize::from(cells) {
+            // The content begins after the pointers; a cell is the number of a page and a key.
+            let at = 12 + 2 * usize::from(cells) + 5 * k;
+            parent[12 + 2 * k..14 + 2 * k].copy_from_slice(&(at as u16).to_be_bytes());
+            parent[at..at + 5].copy_from_slice(&[0, 0, 0, page as u8, 1]);
+        }
+        parent
+    };
+    // `messages` is the second table and has the page after that of `topics`.
+    let root = 2 * 512;
+    let leaf = bytes[root..root + 512].to_vec();
+    bytes.extend(leaf);
+    for level in 1..4 {
+        bytes.extend(parent_of(pages + level));
+    }
+    bytes[root..root + 512].copy_from_slice(&parent_of(pages + 4));
+    bytes[28..32].copy_from_slice(&(pages as u32 + 4).to_be_bytes());
+    fs::write(&path, bytes).unwrap();
+    contains(&refused_inside(&path), &["run.db3", "takes more steps than a table of its size"]);
+}
+
 fn refused_inside(path: &Path) -> String {
     recording::read(path, None).unwrap_err().to_string()
 }

@@ -108,3 +108,36 @@ fn a_run_whose_energy_does_not_close_is_no_success() {
         assert!(recording.is_file(), "what was recorded is kept");
     }
 }
+
+/// Faults in lines longer than any screen, among files that are good: every file has its answer.
+#[test]
+fn faults_in_far_columns_are_answers_about_their_files_alone() {
+    common::at_root();
+    let folder = tempfile::tempdir().unwrap();
+    let files: Vec<String> = ["\t", "x", "é", "漢", "\u{301}", "\u{200d}", "\u{7}", "\r", "\n"]
+        .iter()
+        .flat_map(|part| [1, 17_000, 70_000].map(|count| part.repeat(count)))
+        .flat_map(|text| {
+            [format!("x = \"{text}\" z"), format!("{text} = \"{text}\""), format!("x = [{text}, 1, \"{text}\"")]
+        })
+        .enumerate()
+        .map(|(k, text)| {
+            let file = folder.path().join(format!("long{k}.setup.toml"));
+            std::fs::write(&file, text).unwrap();
+            file.display().to_string()
+        })
+        .collect();
+    let mut words = vec!["check", "models/servo-axis.toml"];
+    words.extend(files.iter().map(String::as_str));
+    words.extend(["models/linear-delta.toml", "--json"]);
+    let out = run(&words);
+    assert_eq!(out.status.code(), Some(2));
+    let answer: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+    let answers = answer["files"].as_array().unwrap();
+    let good: Vec<usize> = (0..answers.len()).filter(|k| answers[*k]["good"] == true).collect();
+    assert_eq!((answers.len(), good), (files.len() + 2, vec![0, files.len() + 1]));
+    let said = String::from_utf8_lossy(&out.stderr);
+    // The first text is one tab, the second many.
+    assert!(!said.contains("panicked") && said.contains("long3.setup.toml:1:17008"), "{said:.2000}");
+    assert!(said.lines().all(|line| line.chars().count() < 100_000));
+}

@@ -163,6 +163,23 @@ fn a_full_disk_is_named_and_leaves_what_fits() {
     assert!(!target.exists() && samples(&partial(&target)) > 100);
 }
 
+/// The help is about the disk, not about the fit.
+#[test]
+fn a_model_that_does_not_fit_on_the_disk_is_no_fault_of_the_recording() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let [data, model] = ["run.mcap", "fitted.toml"].map(|name| folder.path().join(name));
+    assert!(program().args(["simulate", "scenarios/smoke.toml", "-o"]).arg(&data).status().unwrap().success());
+    let line = "trap '' XFSZ; ulimit -f 8; exec \"$0\" identify models/irb360-6-1600.toml \"$1\" -o \"$2\"";
+    let mut identify = Command::new("sh");
+    identify.args(["-c", line]).arg(assert_cmd::cargo::cargo_bin("deltatwin")).args([&data, &model]);
+    let out = identify.output().unwrap();
+    let said = String::from_utf8_lossy(&out.stderr).into_owned();
+    assert_eq!(out.status.code(), Some(2), "{said}");
+    assert!(said.contains("fitted.toml: cannot be written") && said.contains("free space"), "{said}");
+    assert!(!said.contains("do not determine") && !model.exists(), "{said}");
+}
+
 #[test]
 fn folders_that_cannot_be_written_are_named() {
     let folder = TempDir::new().unwrap();

@@ -301,6 +301,77 @@ fn a_payload_that_is_not_stated_is_named() {
     assert_eq!(problems(&examined(&file, &[], Some(mass))), []);
 }
 
+/// The commonest mistake: the setup was forgotten. The load is estimated on every robot, on its axis or off it, and with the
+/// remedy nothing is left to say.
+#[test]
+fn a_forgotten_payload_is_estimated_within_its_error() {
+    common::at_root();
+    let folder = tempfile::tempdir().unwrap();
+    let irb360 = [("irb360-6-1600", "smoke"), ("irb360-6-1600", "path"), ("irb360-1-1130", "excitation")];
+    let off_axis = [("irb360-6-1600", "payload"), ("clavel-delta", "clavel-delta")];
+    for (model, scenario) in irb360.into_iter().chain(off_axis).chain([("linear-delta", "linear-delta")]) {
+        let mass = if model == "irb360-6-1600" { 2.5 } else { 0.8 };
+        let com = if off_axis.contains(&(model, scenario)) { "[0.04, -0.02, -0.08]" } else { "[0.0, 0.0, 0.0]" };
+        let file = simulated(&folder, (model, scenario), &format!("mass = {mass}, com = {com}, inertia_zz = 0.012"));
+        let machine = format!("models/{model}.toml");
+        let examined = |more: &[&str]| -> serde_json::Value {
+            let checked = run(&[&["check", &file, "--model", &machine, "--json"], more].concat());
+            assert_eq!(checked.status.code(), Some(0), "{scenario}: {}", String::from_utf8_lossy(&checked.stderr));
+            serde_json::from_slice(&checked.stdout).unwrap()
+        };
+        let gate = examined(&[])["gate"].clone();
+        println!("{model} {scenario}: {gate}");
+        assert_eq!((gate.as_array().unwrap().len(), &gate[0]["problem"]), (1, &"payload".into()), "{gate}");
+        let [told, std] = ["value", "value_std"].map(|key| gate[0]["evidence"][key].as_f64().unwrap());
+        assert!(
+            (told - mass).abs() < 3.0 * std && std < 0.1 * mass,
+            "{model} {scenario}: {told} ± {std} for {mass} kg"
+        );
+        let remedy = gate[0]["remedy"].as_str().unwrap();
+        let setup = folder.path().join("remedy.toml").display().to_string();
+        let mended = match remedy.split('`').nth(1) {
+            Some(line) => {
+                fs::write(&setup, line).unwrap();
+                examined(&["--setup", &setup])
+            }
+            None => examined(&remedy.split(' ').collect::<Vec<_>>()),
+        };
+        assert_eq!(mended["gate"], serde_json::json!([]), "{model} {scenario}: {remedy}");
+    }
+}
+
+/// A recording of a shipped scenario, on the machine of `model` with a payload that its setup does not state.
+fn simulated(folder: &tempfile::TempDir, (model, scenario): (&str, &str), payload: &str) -> String {
+    let models = common::root().join("models").display().to_string();
+    let text = fs::read_to_string(format!("scenarios/{scenario}.toml")).unwrap();
+    let mut section = String::new();
+    let mut kept = vec![format!("payload = {{ {payload} }}")];
+    for line in text.lines() {
+        if line.starts_with('[') {
+            section = line.into();
+        }
+        if section.is_empty() && (line.starts_with("model") || line.starts_with("controller_model")) {
+            let own = if ["smoke", "excitation"].contains(&scenario) || scenario.contains(model) {
+                model
+            } else {
+                "irb360-6-1600-truth"
+            };
+            kept.push(format!("{} = \"{models}/{own}.toml\"", line.split(' ').next().unwrap()));
+        } else if section.is_empty() && line.starts_with("duration") && scenario != "smoke" {
+            kept.push("duration = 4.0".into());
+        } else if section != "[payload]" {
+            kept.push(line.into());
+        }
+    }
+    let [made, file] =
+        ["toml", "csv"].map(|e| folder.path().join(format!("{model}-{scenario}.{e}")).display().to_string());
+    fs::write(&made, kept.join("\n")).unwrap();
+    let done = run(&["simulate", &made, "-o", &file]);
+    assert_eq!(done.status.code(), Some(0), "{scenario}: {}", String::from_utf8_lossy(&done.stderr));
+    fs::remove_file(Path::new(&file).with_extension("setup.toml")).unwrap();
+    file
+}
+
 #[test]
 fn another_robots_model_is_told() {
     common::at_root();

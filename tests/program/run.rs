@@ -120,3 +120,101 @@ fn a_wrong_recording_stops_the_run() {
     assert!(message.contains("Nothing was fitted") && message.contains("remedy: --map"), "{message}");
     assert!(!Path::new(&results).exists());
 }
+
+/// Held-out recordings are compared with the fitted ones by every command that judges with them.
+#[test]
+fn a_held_out_recording_of_the_dismounted_robot_is_refused() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let [path, apart, output] =
+        ["path.mcap", "disassembled.mcap", "out.toml"].map(|n| folder.path().join(n).display().to_string());
+    for (scenario, file) in [("path", &path), ("disassembled", &apart)] {
+        let done = run(&["simulate", &format!("scenarios/{scenario}.toml"), "-o", file]);
+        assert_eq!(done.status.code(), Some(0), "{}", String::from_utf8_lossy(&done.stderr));
+    }
+    let model = "models/irb360-6-1600.toml";
+    for words in [
+        &["diagnose", model, &path][..],
+        &["run", model, &path, "-o", &folder.path().join("results").display().to_string()],
+        &["identify", model, &path],
+        &["compare", model, &path],
+        &["add", model, "air_drag", &path, "-o", &output],
+    ] {
+        let out = run(&[words, &["--held-out", &apart]].concat());
+        let said = String::from_utf8_lossy(&out.stderr);
+        assert_eq!(out.status.code(), Some(2), "{words:?}: {said}");
+        let named = ["recordings path and disassembled", "expected one configuration"];
+        assert!(named.iter().all(|what| said.contains(what)), "{words:?}: {said}");
+    }
+}
+
+/// That nothing was found before the time was up is not the answer that nothing is missing.
+#[test]
+fn a_diagnosis_whose_time_is_up_is_undecided() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let (csv, _) = recorded(&folder);
+    let out = run(&["diagnose", AXIS, &csv, "--time-limit", "0.01"]);
+    let text = String::from_utf8_lossy(&out.stdout);
+    assert_eq!(out.status.code(), Some(1), "{text}");
+    assert!(text.starts_with("Undecided: the time was up") && text.contains("--time-limit 0.04"), "{text}");
+    let out = run(&["diagnose", AXIS, &csv, "--time-limit", "0.01", "--json"]);
+    let answer: Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!((out.status.code(), &answer["verdict"]), (Some(1), &"undecided".into()), "{answer}");
+    assert!(answer["sentence"].as_str().unwrap().contains("the time was up"), "{}", answer["sentence"]);
+    assert!(!answer["not_tried"].as_array().unwrap().is_empty(), "{answer}");
+}
+
+/// A folder that cannot be made is refused before anything is read.
+#[test]
+fn a_folder_that_cannot_be_made_is_refused_at_once() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let file = folder.path().join("file");
+    std::fs::write(&file, "").unwrap();
+    let inside = file.join("results").display().to_string();
+    let out = run(&["run", AXIS, "no-such-recording.csv", "-o", &inside]);
+    let said = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(2), "{said}");
+    assert!(said.contains(&inside) && said.contains("cannot be written") && !said.contains("no-such"), "{said}");
+}
+
+/// A complete recording takes the place of what killed runs left on the way to it.
+#[test]
+fn a_complete_recording_clears_the_parts_of_killed_runs() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let left = ["axis.partial.csv", "axis.partial.setup.toml", "axis.partial-3.csv"].map(|n| folder.path().join(n));
+    left.iter().for_each(|file| std::fs::write(file, "half").unwrap());
+    let other = folder.path().join("other.partial.csv");
+    std::fs::write(&other, "half").unwrap();
+    recorded(&folder);
+    assert!(left.iter().all(|file| !file.exists()) && other.exists());
+}
+
+/// Where the time is up before the question is answered, the answer says so and has all its files.
+#[test]
+fn a_run_whose_time_is_up_delivers_what_it_has() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let (csv, results) = recorded(&folder);
+    let at = |name: &str| Path::new(&results).join(name);
+    // What a killed run left in the folder; another file stays.
+    std::fs::create_dir(&results).unwrap();
+    std::fs::write(at(".writing-aB3xyZ"), "half").unwrap();
+    std::fs::write(at("notes.txt"), "mine").unwrap();
+    let out = run(&["run", AXIS, &csv, "-o", &results, "--time-limit", "0.01", "--json"]);
+    let said = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(1), "{said}");
+    assert!(said.contains("the time was up; cut short:") && said.contains("diagnose, which did not try"), "{said}");
+    let result: Value = serde_json::from_slice(&out.stdout).unwrap();
+    let kept: Value = serde_json::from_str(&std::fs::read_to_string(at("result.json")).unwrap()).unwrap();
+    assert_eq!(kept, result);
+    assert!(result["cut"].as_array().unwrap().contains(&"diagnose".into()), "{}", result["cut"]);
+    let diagnosis = &result["stages"]["diagnose"];
+    assert_eq!(diagnosis["verdict"], "undecided");
+    assert!(diagnosis["sentence"].as_str().unwrap().contains("the time was up"), "{}", diagnosis["sentence"]);
+    let page = std::fs::read_to_string(at("report.html")).unwrap();
+    assert!(page.contains("the time was up") && at("model.toml").is_file() && at("identified.toml").is_file());
+    assert!(!at(".writing-aB3xyZ").exists() && at("notes.txt").exists());
+}

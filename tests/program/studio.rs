@@ -203,6 +203,101 @@ fn it_ends_when_it_is_interrupted() {
     drop((upload, silent));
 }
 
+/// Two studios on one folder would overwrite each other's session; a killed one leaves the folder free.
+#[test]
+fn a_folder_is_open_once() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let first = Studio::open(folder.path());
+    let second = || {
+        Command::new(env!("CARGO_BIN_EXE_deltatwin"))
+            .args(["studio", &folder.path().display().to_string(), "--json"])
+            .output()
+            .unwrap()
+    };
+    let refused = second();
+    assert_eq!(refused.status.code(), Some(2));
+    let answer: Value = serde_json::from_slice(&refused.stdout).unwrap();
+    let message = answer["error"]["message"].as_str().unwrap();
+    assert!(message.contains(&format!("already open at http://{};", first.host)), "{message}");
+    assert!(!message.contains(&first.token));
+    drop(first);
+    assert_eq!(Studio::open(folder.path()).own("GET", "/api/state", b"").0, 200);
+}
+
+/// A request of another page changes nothing, though its address and token are right.
+#[test]
+fn a_page_of_another_server_changes_nothing() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let studio = Studio::open(&folder.path().join("session"));
+    let (token, own) = (studio.token.as_str(), format!("http://{}", studio.host));
+    let choose = json!({"do": "shipped", "model": "servo-axis.toml"}).to_string();
+    let post = |path: &str, origin: &str, body: &[u8]| {
+        studio.ask("POST", path, &[("x-token", token), ("Origin", origin)], body).0
+    };
+    for origin in
+        ["http://evil.example", "null", "http://127.0.0.1:1", &own.replace("http", "https"), &format!("{own}0")]
+    {
+        assert_eq!(post("/api/do", origin, choose.as_bytes()), 403, "{origin}");
+        assert_eq!(post("/api/file?name=a.csv", origin, b"t,q1,tau1\n0,1,2\n0.1,2,3\n"), 403, "{origin}");
+    }
+    assert!(studio.rested()["session"]["versions"].as_array().unwrap().is_empty());
+    for origin in [own.clone(), own.replace("127.0.0.1", "localhost")] {
+        assert_eq!(post("/api/do", &origin, choose.as_bytes()), 200, "{origin}");
+    }
+}
+
+/// Pages of the folder run no scripts but their own, and what is in the folder is for its owner.
+#[test]
+fn files_are_served_with_a_policy_from_a_folder_of_the_owner() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let session = folder.path().join("deep/session");
+    let studio = Studio::open(&session);
+    studio.act(json!({"do": "shipped", "model": "servo-axis.toml"}));
+    std::fs::write(session.join("page.html"), "<script>alert(1)</script>").unwrap();
+    for name in ["page.html", "models/servo-axis.toml"] {
+        let mut stream = TcpStream::connect(&studio.host).unwrap();
+        let (host, token) = (&studio.host, &studio.token);
+        write!(stream, "GET /api/file?name={name} HTTP/1.1\r\nHost: {host}\r\nx-token: {token}\r\n\r\n").unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        let policy = answer.lines().find(|line| line.starts_with("content-security-policy: ")).unwrap();
+        assert!(policy.contains("default-src 'none'") && policy.contains("script-src 'sha256-"), "{policy}");
+        assert!(!policy.contains("script-src 'unsafe-inline'") && answer.contains("x-content-type-options: nosniff"));
+    }
+    #[cfg(unix)]
+    for part in ["deep", "deep/session", "deep/session/models"] {
+        use std::os::unix::fs::PermissionsExt;
+        let mode = std::fs::metadata(folder.path().join(part)).unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o700, "{part}");
+    }
+}
+
+/// Connections that say nothing, or not all, keep nobody from an answer; those that wait for one keep theirs.
+#[test]
+fn silent_connections_keep_no_places() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let studio = Studio::open(&folder.path().join("session"));
+    let connect = |text: &str| {
+        let mut stream = TcpStream::connect(&studio.host).unwrap();
+        stream.write_all(text.as_bytes()).unwrap();
+        stream
+    };
+    let head = format!("GET /api/events?token={} HTTP/1.1\r\nHost: {}\r\n\r\n", studio.token, studio.host);
+    let mut window = BufReader::new(connect(&head));
+    Studio::event(&mut window);
+    let silent: Vec<TcpStream> = (0..300).map(|k| connect(["", "GET /api/sta"][k % 2])).collect();
+    let begun = Instant::now();
+    assert_eq!(studio.own("GET", "/api/state", b"").0, 200);
+    assert!(begun.elapsed() < Duration::from_secs(2), "{:?}", begun.elapsed());
+    studio.act(json!({"do": "shipped", "model": "servo-axis.toml"}));
+    assert_eq!(Studio::event(&mut window)["session"]["versions"][0]["file"], "models/servo-axis.toml");
+    drop(silent);
+}
+
 #[test]
 fn bad_files_change_nothing_but_a_message() {
     common::at_root();
@@ -272,6 +367,56 @@ fn the_loop_goes_on_after_a_kill() {
     assert_eq!(words[..2], ["identify", "models/servo-axis.toml"], "{command}");
 }
 
+/// Results belong to their inputs: what comes back brings them back, and what a change does not touch stays.
+#[test]
+fn results_come_back_with_their_inputs() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let session = folder.path().join("session");
+    let csv = axis(folder.path());
+    let shorter = csv[..csv[..csv.len() / 2].iter().rposition(|byte| *byte == b'\n').unwrap() + 1].to_vec();
+    let studio = Studio::open(&session);
+    let drop_file = |name: &str, content: &[u8]| {
+        let (status, state) = studio.own("POST", &format!("/api/file?name={name}"), content);
+        assert_eq!(status, 200, "{state}");
+        state["session"].clone()
+    };
+    let part = |name: &str| studio.ask("GET", &format!("/api/stage?name={name}"), &[("x-token", &studio.token)], b"").1;
+    let stages = |session: &Value| session["stages"].as_object().unwrap().keys().cloned().collect::<Vec<_>>();
+    drop_file("axis.csv", &csv);
+    studio.act(json!({"do": "shipped", "model": "servo-axis.toml"}));
+    studio.done(json!({"do": "check"}));
+    studio.done(json!({"do": "fit"}));
+    let before = studio.done(json!({"do": "add", "effect": "drive_stribeck"}))["session"].clone();
+    let parts = ["check", "fit", "where", "add"].map(part);
+    assert_eq!(stages(&before), ["add", "check", "fit", "where"]);
+    let same = |now: &Value| {
+        for key in ["stages", "versions", "current", "basis"] {
+            assert_eq!(now[key], before[key], "{key}");
+        }
+        assert_eq!(["check", "fit", "where", "add"].map(part), parts);
+    };
+    // A recording that judges: the fit does not depend on it, all else does.
+    let more = drop_file("more.csv", &shorter);
+    assert_eq!((stages(&more), &more["recordings"][1]["held_out"]), (vec!["fit".to_string()], &json!(true)));
+    assert!(more["versions"][1]["errors"].is_null() && more["stages"]["fit"] == before["stages"]["fit"]);
+    studio.done(json!({"do": "check"}));
+    same(&studio.act(json!({"do": "leave_out", "recording": 1}))["session"]);
+    // The recording itself, taken out and dropped again; and once more, which changes nothing.
+    assert!(stages(&studio.act(json!({"do": "leave_out", "recording": 0}))["session"]).is_empty());
+    same(&drop_file("axis.csv", &csv));
+    same(&drop_file("axis.csv", &csv));
+    // Another reading, and the one of before.
+    assert!(stages(&studio.act(json!({"do": "read", "how": {"maps": ["tau1=-tau1"]}}))["session"]).is_empty());
+    same(&studio.act(json!({"do": "read", "how": {}}))["session"]);
+    // Another first model, and the one of before: its versions are there, the first is in use.
+    studio.act(json!({"do": "shipped", "model": "linear-delta.toml"}));
+    studio.act(json!({"do": "shipped", "model": "servo-axis.toml"}));
+    same(&studio.act(json!({"do": "version", "version": 2}))["session"]);
+    // A setup of a recording changes its results.
+    assert!(stages(&drop_file("axis.setup.toml", b"configuration = \"assembled\"\n")).is_empty());
+}
+
 #[test]
 fn windows_are_told_what_changes_and_what_is_wrong_with_a_typed_law() {
     common::at_root();
@@ -300,6 +445,9 @@ fn windows_are_told_what_changes_and_what_is_wrong_with_a_typed_law() {
     let wrong = asked("drive1", "-tanh(50*qd9)");
     assert_eq!((wrong["from"].as_u64(), wrong["to"].as_u64()), (Some(9), Some(12)), "{wrong}");
     assert!(asked("platform_x", "1")["problem"].as_str().unwrap().contains("drive1"));
+    let begun = Instant::now();
+    assert!(asked("drive1", &"q".repeat(50_000))["problem"].as_str().unwrap().contains("longer than 4096 bytes"));
+    assert!(begun.elapsed() < Duration::from_secs(1), "{:?}", begun.elapsed());
 }
 
 /// Twelve windows listen, four uploads come at once and slowly, and a question in between is answered at once.

@@ -131,7 +131,8 @@ fn the_table_depends_on_neither_threads_nor_chunks() {
             assert!(out.status.success());
             // One part, and nothing else.
             assert_eq!(names(&place.path(output)), ["parts"]);
-            assert_eq!(names(&place.path(output).join("parts")).len(), chunks + 1 - number);
+            let parts = names(&place.path(output).join("parts"));
+            assert!(parts[0] == ".study" && parts.len() == chunks + 2 - number, "{parts:?}");
         }
         place.done(output, &["--merge"]);
         assert!(place.table(output) == whole, "{chunks} chunks");
@@ -231,6 +232,18 @@ fn what_is_in_the_way_or_missing_is_named() {
     std::fs::write(&study, text.replace("seed = 3", "seed = 4")).unwrap();
     let (status, _, stderr) = place.run("out", &["--merge"]);
     assert!(status == 2 && stderr.contains("belongs to another study"), "{stderr}");
+    // Refused before the first run, and the first study goes on.
+    for options in [&[][..], &["--chunk", "2/3"]] {
+        let (status, _, stderr) = place.run("out", options);
+        assert!(status == 2 && stderr.contains("study (digest ") && stderr.contains("this one is study"), "{stderr}");
+        assert_eq!(names(&place.path("out/parts")), [".study", "00001-of-00003.parquet"]);
+    }
+    std::fs::write(&study, &text).unwrap();
+    for chunk in ["2/3", "3/3"] {
+        place.done("out", &["--chunk", chunk]);
+    }
+    place.done("out", &["--merge"]);
+    std::fs::write(&study, text.replace("seed = 3", "seed = 4")).unwrap();
     place.done("out", &["--force"]);
     for (from, to, expected) in [
         ("payload.mass", "payload.maas", "study.toml:11:8: factor `mass` at 0.5: unknown key `payload.maas`"),

@@ -34,8 +34,13 @@ struct Broker {
 }
 
 impl Broker {
-    /// `None` where no broker is installed.
+    /// One that everybody may use; `None` where no broker is installed.
     fn new(folder: &Path) -> Option<Self> {
+        Self::with(folder, "allow_anonymous true")
+    }
+
+    /// One with these lines about who may use it.
+    fn with(folder: &Path, access: &str) -> Option<Self> {
         let installed = Command::new(Self::program()).arg("-h").stdout(Stdio::null()).stderr(Stdio::null()).status();
         if installed.is_err() {
             eprintln!("not tested: mosquitto is not installed");
@@ -49,7 +54,7 @@ impl Broker {
         std::os::unix::fs::PermissionsExt::set_mode(&mut open, 0o777);
         std::fs::set_permissions(&folder, open).unwrap();
         let config = format!(
-            "listener {port} 127.0.0.1\nallow_anonymous true\npersistence true\npersistence_location {}/\n\
+            "listener {port} 127.0.0.1\n{access}\npersistence true\npersistence_location {}/\n\
              max_queued_messages 0\nuser root\n",
             folder.display()
         );
@@ -207,6 +212,260 @@ fn a_killed_watch_leaves_its_recording() {
     assert!(exported.status.success(), "{text} {}", String::from_utf8_lossy(&exported.stderr));
     let rows = std::fs::read_to_string(&csv).unwrap().lines().count() - 1;
     assert!(rows as f64 * 0.002 > 4.0, "{rows} of {k} samples");
+}
+
+/// Row `k` of a recording at 500 Hz that counts from `start` (s since 1970): time, angles and torques.
+fn row(start: u64, k: u64) -> [String; 3] {
+    let wave = |c: u64| (0.3 + 0.1 * (0.006 * k as f64 + c as f64).sin()).to_string();
+    let [q, tau] = [0, 4].map(|first| (first..first + 4).map(wave).collect::<Vec<_>>().join(","));
+    [format!("{}.{:03}", start + k / 500, 2 * (k % 500)), q, tau]
+}
+
+/// Seconds since 1970 as a machine states them.
+const NOW: u64 = 1_795_510_000;
+
+#[test]
+fn a_machine_on_a_unix_clock_is_recorded_to_the_nanosecond() {
+    common::at_root();
+    let folder = tempfile::tempdir().unwrap();
+    let source = path(&folder, "source.csv");
+    let rows: Vec<String> = (0..2_000).map(|k| row(NOW, k).join(",")).collect();
+    std::fs::write(&source, format!("t,q1,q2,q3,q4,tau1,tau2,tau3,tau4\n{}\n", rows.join("\n"))).unwrap();
+    let watched = |file: &str, arguments: &[&str]| {
+        let mut watch = program();
+        watch.args(["watch", MODEL, "--follow", file, "--json", "--idle", "0.5"]).args(arguments);
+        let out = watch.output().unwrap();
+        assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
+        verdict(&out)
+    };
+    for name in ["tape.mcap", "tape.csv"] {
+        let tape = path(&folder, name);
+        let live = watched(&source, &["-o", &tape]);
+        assert_eq!(live["samples"]["taken"], 2_000);
+        assert!((live["t"].as_f64().unwrap() - NOW as f64 - 3.1).abs() < 0.1, "{live}");
+        let (recording, warnings) = deltatwin_io::recording::read(Path::new(&tape), None).unwrap();
+        let t = &recording.signals.t;
+        assert!((0..2_000).all(|k| (t[k] - 0.002 * k as f64).abs() < 1e-9), "{name}: {warnings:?}");
+        assert!(name.ends_with("csv") || recording.signals.start == Some(NOW as i64 * 1_000_000_000));
+        let again = watched(&tape, &[]);
+        assert_eq!(["t", "highest_level"].map(|key| &again[key]), ["t", "highest_level"].map(|key| &live[key]));
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), if name.ends_with("csv") { 4 } else { 2 });
+    }
+}
+
+/// A message that the broker has kept, whatever its time, is left out, and so is its request to end.
+#[test]
+fn retained_messages_are_left_out() {
+    common::at_root();
+    let folder = tempfile::tempdir().unwrap();
+    let Some(broker) = Broker::new(folder.path()) else { return };
+    let _running = broker.start();
+    let port = broker.port.to_string();
+    let publish = |arguments: &[&str], message: &str| {
+        let mut sender = Command::new("mosquitto_pub");
+        sender.args(["-p", &port, "-t", "robot/joints", "-q", "1", "-m", message]).args(arguments);
+        assert!(sender.status().unwrap().success());
+    };
+    let message = |start: u64, first: u64| {
+        let rows: Vec<[String; 3]> = (first..first + 250).map(|k| row(start, k)).collect();
+        let list = |i: usize, [open, close]: [&str; 2]| {
+            rows.iter().map(|row| format!("{open}{}{close}", row[i])).collect::<Vec<_>>().join(",")
+        };
+        let [t, q, tau] = [list(0, ["", ""]), list(1, ["[", "]"]), list(2, ["[", "]"])];
+        format!("{{\"t\": [{t}], \"q\": [{q}], \"tau\": [{tau}]}}")
+    };
+    for (n, kept) in [message(0, 0), message(2 * NOW, 0), r#"{"end": true}"#.into()].iter().enumerate() {
+        publish(&["-r"], kept);
+        let tape = path(&folder, &format!("{n}.mcap"));
+        let mut watch = program();
+        watch.args(["watch", MODEL, "--mqtt", &broker.url(), "--topic", "robot/joints", "--json", "--idle", "6"]);
+        watch.args(["-o", &tape, "--client-id", &format!("watch-{n}")]);
+        let watch = watch.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        std::thread::sleep(Duration::from_secs(3));
+        for part in 0..4 {
+            publish(&[], &message(NOW, 250 * part));
+        }
+        let out = watch.wait_with_output().unwrap();
+        let said = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert!(out.status.code() == Some(0) && said.contains("retained message"), "{said}");
+        let samples = &verdict(&out)["samples"];
+        assert_eq!((samples["taken"].as_u64(), samples["unusable_messages"].as_u64()), (Some(1_000), Some(1)));
+        let (recording, _) = deltatwin_io::recording::read(Path::new(&tape), None).unwrap();
+        assert_eq!(recording.signals.len(), 1_000);
+    }
+}
+
+/// Runs `openssl` in a folder.
+fn openssl(folder: &Path, arguments: &str) {
+    let out = Command::new("openssl").current_dir(folder).args(arguments.split(' ')).output().unwrap();
+    assert!(out.status.success(), "{arguments}: {}", String::from_utf8_lossy(&out.stderr));
+}
+
+/// A broker with a certificate of `ca.pem` for localhost, and with the user `robot` whose password is `geheim`.
+fn guarded(folder: &Path) -> Option<Broker> {
+    if Command::new("openssl").arg("version").stdout(Stdio::null()).status().is_err() {
+        eprintln!("not tested: openssl is not installed");
+        return None;
+    }
+    let key = "-newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes";
+    for name in ["ca", "other"] {
+        openssl(folder, &format!("req -x509 {key} -days 2 -subj /CN={name} -keyout {name}.key -out {name}.pem"));
+    }
+    std::fs::write(folder.join("names"), "subjectAltName=DNS:localhost,IP:127.0.0.1\n").unwrap();
+    openssl(folder, &format!("req {key} -subj /CN=localhost -keyout server.key -out server.csr"));
+    openssl(
+        folder,
+        "x509 -req -in server.csr -CA ca.pem -CAkey ca.key -CAcreateserial -days 2 -extfile names -out server.pem",
+    );
+    let here = folder.display();
+    let broker = Broker::with(
+        folder,
+        &format!(
+            "certfile {here}/server.pem\nkeyfile {here}/server.key\nallow_anonymous false\npassword_file {here}/users"
+        ),
+    )?;
+    let users =
+        Command::new("mosquitto_passwd").current_dir(folder).args(["-b", "-c", "users", "robot", "geheim"]).status();
+    assert!(users.unwrap().success());
+    Some(broker)
+}
+
+/// A broker with a certificate and a login: who has both gets in, nobody else, and no output shows the password.
+#[test]
+fn a_broker_with_tls_is_verified_and_its_password_is_never_shown() {
+    common::at_root();
+    let folder = tempfile::tempdir().unwrap();
+    let Some(broker) = guarded(folder.path()) else { return };
+    let _running = broker.start();
+    let [ca, other, login, csv] = ["ca.pem", "other.pem", "login", "run.csv"].map(|name| path(&folder, name));
+    std::fs::write(&login, "robot\ngeheim\n").unwrap();
+    let mode = |mode: u32| {
+        std::fs::set_permissions(&login, std::os::unix::fs::PermissionsExt::from_mode(mode)).unwrap();
+    };
+    mode(0o600);
+    let url = format!("mqtts://localhost:{}", broker.port);
+    // Of one that says what it did: status and output.
+    let tried = |url: &str, arguments: &[&str], password: Option<&str>| {
+        let mut watch = program();
+        watch.args(["watch", MODEL, "--mqtt", url, "--topic", "robot/joints", "--idle", "1.5", "--json"]);
+        watch.args(arguments).env("DELTATWIN_MQTT_USER", "robot");
+        if let Some(password) = password {
+            watch.env("DELTATWIN_MQTT_PASSWORD", password);
+        }
+        let out = watch.output().unwrap();
+        let said = [out.stdout, out.stderr].map(|text| String::from_utf8_lossy(&text).into_owned()).concat();
+        assert!(!said.contains("geheim"), "{said}");
+        (out.status.code(), said)
+    };
+    let refused = |url: &str, arguments: &[&str], password: Option<&str>, why: &str| {
+        let start = Instant::now();
+        let (status, said) = tried(url, arguments, password);
+        assert!(status == Some(2) && said.contains(why), "{why}: {said}");
+        start.elapsed()
+    };
+    assert_eq!(tried(&url, &["--ca", &ca], Some("geheim")).0, Some(0));
+    let time = refused(&url, &["--ca", &ca], Some("geheim-no"), "the broker refuses the login");
+    assert!(time < Duration::from_secs(4), "{time:?}");
+    refused(&url, &["--ca", &ca], None, "the broker refuses the login");
+    refused(&url, &["--ca", &other], Some("geheim"), "certificate of the broker is not accepted");
+    refused(&url, &[], Some("geheim"), "is not accepted");
+    refused(&url, &["--ca", &login], Some("geheim"), "expected one or more in PEM");
+    refused(&url.replace("localhost", "127.0.0.2"), &["--ca", &ca], Some("geheim"), "mqtts://127.0.0.2");
+    refused(&url.replace("mqtts", "mqtt"), &["--ca", &ca], Some("geheim"), "expected mqtts://HOST");
+    refused(&url.replace("mqtts", "mqtt"), &[], Some("geheim"), "no broker answers");
+    // The login in a file, and in the address.
+    assert_eq!(tried(&url, &["--ca", &ca, "--mqtt-login", &login], Some("wrong")).0, Some(0));
+    assert_eq!(tried(&url.replace("//", "//robot:geheim@"), &["--ca", &ca], Some("wrong")).0, Some(0));
+    refused(
+        &url.replace("//", "//robot:geheim@"),
+        &["--ca", &ca, "--mqtt-login", &login],
+        None,
+        "expected one of them",
+    );
+    mode(0o644);
+    refused(&url, &["--ca", &ca, "--mqtt-login", &login], None, "chmod 600");
+    // Whatever is wrong with the address or the command line.
+    for wrong in ["mqtts://u:geheim@localhost:99999", "mqtts://u:geheim", "http://u:geheim@h", "mqtt://u:geheim@"] {
+        refused(wrong, &[], None, "expected mqtt://HOST");
+    }
+    refused(&url, &["mqtts://u:it's geheim@localhost"], None, "unexpected argument");
+    // Samples go the same way.
+    let rows: Vec<String> = (0..500).map(|k| row(0, k).join(",")).collect();
+    std::fs::write(&csv, format!("t,q1,q2,q3,q4,tau1,tau2,tau3,tau4\n{}\n", rows.join("\n"))).unwrap();
+    mode(0o600);
+    let mut watch = program();
+    watch.args(["watch", MODEL, "--mqtt", &url, "--topic", "robot/joints", "--idle", "5", "--json", "--ca", &ca]);
+    let watch = watch.args(["--mqtt-login", &login]).stdout(Stdio::piped()).spawn().unwrap();
+    std::thread::sleep(Duration::from_secs(2));
+    let mut replay = program();
+    replay.args(["replay", &csv, "--mqtt", &url, "--topic", "robot/joints", "--ca", &ca, "--mqtt-login", &login]);
+    assert!(replay.stdout(Stdio::null()).status().unwrap().success());
+    assert_eq!(verdict(&watch.wait_with_output().unwrap())["samples"]["taken"], 500);
+}
+
+/// Damaged bytes anywhere cost a warning and what they are part of.
+#[test]
+fn a_damaged_bag_is_followed_beyond_the_damage() {
+    common::at_root();
+    let folder = tempfile::tempdir().unwrap();
+    let tape = path(&folder, "run.mcap");
+    let made = program().args(["simulate", "scenarios/smoke.toml", "-o", &tape]).stdout(Stdio::null()).status();
+    assert!(made.unwrap().success());
+    let bytes = std::fs::read(&tape).unwrap();
+    let followed = |file: &str| {
+        // Far less than what a length in the file asks for.
+        let line = "ulimit -v 2000000; exec \"$0\" watch \"$1\" --follow \"$2\" --idle 1 --json";
+        let mut watch = Command::new("sh");
+        watch.args(["-c", line]).arg(assert_cmd::cargo::cargo_bin("deltatwin")).args([MODEL, file]);
+        let out = watch.output().unwrap();
+        let said = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert_eq!(out.status.code(), Some(0), "{said}");
+        (verdict(&out)["samples"]["taken"].as_u64().unwrap(), said)
+    };
+    let whole = followed(&tape).0;
+    assert!(whole > 1_000);
+    for k in 0..12 {
+        let mut damaged = bytes.clone();
+        damaged[k * bytes.len() / 12 + 5] ^= 0x10;
+        std::fs::write(&tape, damaged).unwrap();
+        let (taken, said) = followed(&tape);
+        assert!(taken + 500 > whole, "{k}: {taken} of {whole} samples; {said}");
+        assert!(taken == whole || said.contains("damaged"), "{k}: {said}");
+    }
+    assert_eq!(followed("tests/files/corpus/channel-length.mcap").0, 0);
+}
+
+/// A pipe is followed as a file is; who waits at its other end for nobody can be stopped.
+#[test]
+fn a_pipe_is_followed_and_does_not_hold_the_program() {
+    common::at_root();
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = path(&folder, "pipe");
+    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let follow = || {
+        let mut watch = program();
+        watch.args(["watch", MODEL, "--follow", &pipe, "--json"]).stdout(Stdio::piped());
+        watch
+    };
+    let start = Instant::now();
+    let out = follow().args(["--time-limit", "2"]).output().unwrap();
+    assert!(start.elapsed() < Duration::from_secs(5), "{:?}", start.elapsed());
+    assert_eq!(verdict(&out)["state"], "learning");
+    let watch = follow().spawn().unwrap();
+    std::thread::sleep(Duration::from_secs(1));
+    assert!(Command::new("kill").args(["-INT", &watch.id().to_string()]).status().unwrap().success());
+    let start = Instant::now();
+    let out = watch.wait_with_output().unwrap();
+    assert!(out.status.code() == Some(130) && start.elapsed() < Duration::from_secs(2), "{:?}", start.elapsed());
+    assert_eq!(verdict(&out)["state"], "learning");
+    // The writer comes later and leaves in between.
+    let watch = follow().args(["--idle", "3"]).spawn().unwrap();
+    let rows = |range: std::ops::Range<u64>| range.map(|k| row(NOW, k).join(",") + "\n").collect::<String>();
+    std::thread::sleep(Duration::from_millis(500));
+    std::fs::write(&pipe, format!("t,q1,q2,q3,q4,tau1,tau2,tau3,tau4\n{}", rows(0..1_500))).unwrap();
+    std::thread::sleep(Duration::from_millis(500));
+    std::fs::write(&pipe, rows(1_500..2_000)).unwrap();
+    assert_eq!(verdict(&watch.wait_with_output().unwrap())["samples"]["taken"], 2_000);
 }
 
 /// Whatever else is sent to the topic, the watch goes on.

@@ -4,17 +4,18 @@ use std::path::{Path, PathBuf};
 
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::gate::{Finding, Problem, inspect};
-use deltatwin::identification::Dataset;
 use deltatwin::identification::bandwidth::{bandwidth, narrow};
 use deltatwin::identification::derivatives::Method;
 use deltatwin::identification::zeros::{Zero, zeros};
+use deltatwin::identification::{Dataset, FitError, check_together};
 use deltatwin::machine::{Mechanism, Unit};
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::text::{nearest, significant};
 use deltatwin_io::recording::{self, Mapping, ReadError, Reading};
-use miette::miette;
+use miette::{Diagnostic, miette};
 use serde_json::{Value, json};
+use thiserror::Error;
 
 /// Files of recordings and how they are read.
 #[derive(Clone, Debug, Default)]
@@ -88,7 +89,19 @@ impl Inputs {
     }
 }
 
-/// Datasets for fitting and for validation, all with the same channels.
+/// Why recordings cannot be used together.
+#[derive(Debug, Error, Diagnostic)]
+pub enum DataError {
+    /// A file cannot be read.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Read(#[from] ReadError),
+    /// Two recordings differ in what they are of.
+    #[error(transparent)]
+    Unlike(#[from] FitError),
+}
+
+/// Datasets for fitting and for validation, all of one configuration and with the same channels.
 pub struct Data {
     /// Datasets for fitting.
     pub datasets: Vec<Dataset>,
@@ -157,8 +170,8 @@ impl Data {
     /// Reads all recordings of a machine like `model`, restricted to their common channels.
     ///
     /// # Errors
-    /// If a file cannot be read or its dataset is unusable.
-    pub fn read(inputs: &Inputs, model: &Model) -> Result<Self, ReadError> {
+    /// If a file cannot be read or its dataset is unusable, or recordings are of different configurations.
+    pub fn read(inputs: &Inputs, model: &Model) -> Result<Self, DataError> {
         Self::read_with(inputs, model, Method::Reversals)
     }
 
@@ -166,9 +179,10 @@ impl Data {
     ///
     /// # Errors
     /// As [`Self::read`].
-    pub fn read_with(inputs: &Inputs, model: &Model, method: Method) -> Result<Self, ReadError> {
+    pub fn read_with(inputs: &Inputs, model: &Model, method: Method) -> Result<Self, DataError> {
         let how = inputs.reading(Some(model.mechanism));
         let mut data = Self::read_each(inputs, |file, warnings| dataset_of(file, &how, model, method, warnings))?;
+        check_together(data.datasets.iter().chain(&data.held_out))?;
         data.narrow(inputs.bandwidth, model.mechanism);
         if !inputs.keep_zeros {
             data.join(model.mechanism);
@@ -218,7 +232,7 @@ impl Data {
     /// Reads all recordings of any machine, restricted to their common channels.
     ///
     /// # Errors
-    /// As [`Self::read`].
+    /// If a file cannot be read or its dataset is unusable.
     pub fn of_any_machine(inputs: &Inputs) -> Result<Self, ReadError> {
         let how = inputs.reading(None);
         Self::read_each(inputs, |file, warnings| {

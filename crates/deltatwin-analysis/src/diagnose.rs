@@ -14,6 +14,7 @@ use deltatwin::text::significant;
 pub fn json(d: &Diagnosis, model: Option<&Path>, scenario: Option<&Path>) -> Value {
     let mut object = Map::new();
     object.insert("verdict".into(), json!(d.verdict.to_string()));
+    object.insert("sentence".into(), json!(verdict(d)));
     object.insert("unknown_beside".into(), json!(d.unknown_beside()));
     object.insert("left".into(), json!(d.left.largest()));
     object.insert("left_at".into(), left(d));
@@ -107,7 +108,6 @@ pub fn verdict(d: &Diagnosis) -> String {
     let named = |e: &Named| format!("{} (probability {:.2})", e.name, e.confidence.probability());
     let names = d.effects.iter().map(named).collect::<Vec<_>>().join(", ");
     let first = match (d.verdict, d.effects.len()) {
-        (Verdict::None, _) if !d.not_tried.is_empty() => "Nothing was found before the time was up".to_string(),
         (Verdict::None, _) => "Nothing is missing that these data show".to_string(),
         (Verdict::Effect, _) => format!("One effect is missing: {names}"),
         (Verdict::Several, n) => format!("{n} effects are missing: {names}"),
@@ -124,6 +124,8 @@ pub fn verdict(d: &Diagnosis) -> String {
         }
         (Verdict::Unknown, 0) => "Something is missing that no known effect explains".to_string(),
         (Verdict::Unknown, _) => format!("Something is missing that no known effect explains, beside {names}"),
+        (Verdict::Undecided, 0) => "Undecided: the time was up before it was clear what is missing".to_string(),
+        (Verdict::Undecided, _) => format!("Undecided: the time was up; found until then: {names}"),
     };
     let left = much(d);
     match (d.left.beside && d.verdict != Verdict::Unknown, left.is_empty()) {

@@ -12,7 +12,7 @@ use crate::run::Analysis;
 use crate::{Data, Inputs, Joined, add, compare, diagnose, gate};
 use deltatwin::identification::Estimate;
 use deltatwin::model::{Model, Provenance};
-use deltatwin_io::file::replace_text;
+use deltatwin_io::file::{self, replace_text};
 use deltatwin_io::recording::setup;
 
 /// Version of the layout of `result.json`; a reader of version 1 reads every later file of version 1.
@@ -57,8 +57,7 @@ impl Input {
         } else {
             hash(file, &mut hasher)?
         };
-        let sha256 = hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
-        Ok(Self { role, file: file.into(), sha256, bytes })
+        Ok(Self { role, file: file.into(), sha256: hexadecimal(hasher), bytes })
     }
 
     /// All files of a run with their hashes: model, recordings, and the setups that were read with them.
@@ -87,6 +86,15 @@ impl Input {
     }
 }
 
+/// SHA-256 of a text, hexadecimal.
+pub fn sha256(text: &str) -> String {
+    hexadecimal(Sha256::new_with_prefix(text))
+}
+
+fn hexadecimal(hasher: Sha256) -> String {
+    hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
 /// Adds the content of a file to a hash; returns its size.
 fn hash(file: &Path, hasher: &mut Sha256) -> io::Result<u64> {
     let mut reader = std::fs::File::open(file)?;
@@ -103,10 +111,10 @@ fn hash(file: &Path, hasher: &mut Sha256) -> io::Result<u64> {
     }
 }
 
-/// Checks that the folder of a run may be written: it is empty or does not exist, or is overwritten on purpose.
+/// Checks that the folder of a run may be and can be written: it is empty or does not exist, or is overwritten on purpose.
 ///
 /// # Errors
-/// If it holds results and `force` is not set, or is a file.
+/// If it holds results and `force` is not set, is a file, or cannot be created or written.
 pub fn check(folder: &Path, force: bool) -> miette::Result<()> {
     if folder.exists() && !folder.is_dir() {
         return Err(miette!("{}: is a file; expected a folder", folder.display()));
@@ -116,7 +124,8 @@ pub fn check(folder: &Path, force: bool) -> miette::Result<()> {
         Some(file) if !force => {
             Err(miette!("{}: exists; expected another folder, or --force to replace its results", file.display()))
         }
-        _ => Ok(()),
+        _ => file::check_folder(folder)
+            .map_err(|reason| miette!("{}: cannot be written: {reason}; expected a folder", folder.display())),
     }
 }
 
@@ -131,6 +140,7 @@ pub fn result(analysis: &Analysis, origin: &Origin) -> Value {
     object.insert("inputs".into(), origin.inputs.iter().map(Input::json).collect());
     object.insert("warnings".into(), origin.warnings.iter().chain(&analysis.warnings).map(|w| json!(w)).collect());
     object.insert("zeros".into(), analysis.zeros.iter().map(Joined::json).collect());
+    object.insert("cut".into(), analysis.cut.iter().map(|stage| json!(stage.to_string())).collect());
     let d = &analysis.diagnosis;
     let (fitted, model) = (Path::new(IDENTIFIED), Path::new(MODEL));
     let stages = json!({
@@ -205,6 +215,7 @@ mod tests {
         assert_eq!(input.bytes, 3);
         // A bag's folder of that file alone has the same content.
         assert_eq!(Input::of("data", folder.path()).unwrap().sha256, input.sha256);
+        assert_eq!(sha256("abc"), input.sha256);
         assert!(Input::of("data", &folder.path().join("none")).is_err());
     }
 

@@ -41,9 +41,12 @@ impl Examined {
                 let lines: Vec<String> = found.iter().map(|f| format!("\n  {}", line(f))).collect();
                 let remedy = match combined(&found) {
                     Some(map) => {
-                        let loads = found.iter().filter(|f| matches!(f.remedy, Remedy::PayloadMass(_)));
-                        let loads: String = loads.map(|f| format!(" {}", f.remedy)).collect();
-                        format!("\n  remedy: {map}{loads}")
+                        let load = |f: &Finding| match f.remedy {
+                            Remedy::PayloadMass(_) => format!(" {}", f.remedy),
+                            Remedy::Payload(_) => format!(", and {}", f.remedy),
+                            Remedy::Map(_) | Remedy::Words(_) => String::new(),
+                        };
+                        format!("\n  remedy: {map}{}", found.iter().map(load).collect::<String>())
                     }
                     None => format!("\n  remedy: {}", found[0].remedy),
                 };

@@ -19,5 +19,5 @@ pub mod page;
 pub mod run;
 pub mod unexplained;
 
-pub use data::{Data, Inputs, Joined};
+pub use data::{Data, DataError, Inputs, Joined};
 pub use run::{Analysis, RunError, Settings, Step, run};

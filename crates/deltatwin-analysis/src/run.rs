@@ -1,5 +1,7 @@
 //! The whole loop: check, identify, compare, diagnose, add.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use thiserror::Error;
 
 use crate::data::{Data, Joined};
@@ -7,9 +9,10 @@ use crate::gate::{Examined, Refusal};
 use crate::identify::Identification;
 use deltatwin::comparison::{Comparison, compare};
 use deltatwin::diagnosis::{Clock, Diagnosis, DiagnosisError, Options, diagnose_with};
+use deltatwin::evidence::Stop;
 use deltatwin::gate::Finding;
 use deltatwin::identification::dataset::noise_floor;
-use deltatwin::identification::{Dataset, FitError, Residuals, fit};
+use deltatwin::identification::{Dataset, FitError, Residuals, fit, fit_with};
 use deltatwin::model::Model;
 
 /// What a user decides about a run.
@@ -17,7 +20,7 @@ use deltatwin::model::Model;
 pub struct Settings<'a> {
     /// Effects (or `rigid_bodies`) whose parameters the diagnosis does not fit.
     pub hold: &'a [String],
-    /// Share of the time that has passed; from 1 on the diagnosis gives its best answer so far, infinity stops.
+    /// Share of the time that has passed; from 1 on the stages give their best answers so far, infinity stops.
     pub clock: Clock<'a>,
     /// Whether recordings that do not belong to the model are fitted all the same.
     pub no_gate: bool,
@@ -80,6 +83,8 @@ pub struct Analysis {
     pub identification: Identification,
     /// The fitted model and what was measured.
     pub identified: Comparison,
+    /// Stages that ended before they were done, for lack of time.
+    pub cut: Vec<Stage>,
     /// Diagnosis of the delivered model, whose numbers are the prior of every fit; its model has the effects added.
     pub diagnosis: Diagnosis,
 }
@@ -120,7 +125,13 @@ pub fn run(
     step(Stage::Check, 0.0, "");
     let (gate, mut warnings) = Examined::of(model, data).pass(settings.no_gate)?;
     step(Stage::Identify, 0.03, "");
-    let identification = identify(model, data)?;
+    let is_cut = AtomicBool::new(false);
+    let is_late = || {
+        let is_late = (settings.clock)() >= LAST_FIT;
+        is_cut.fetch_or(is_late, Ordering::Relaxed);
+        is_late
+    };
+    let identification = identify_until(model, data, Some(&is_late))?;
     stop(settings)?;
     step(Stage::Compare, 0.12, "delivered");
     let delivered = compare(model, &data.datasets, &data.held_out)?;
@@ -136,7 +147,23 @@ pub fn run(
     })?;
     warnings.extend(crate::gate::much_is_left(&diagnosis.channels, &diagnosis.rms_after, &diagnosis.noise_floor));
     let zeros = data.zeros.clone();
-    Ok(Analysis { gate, zeros, warnings, delivered, identification, identified, diagnosis })
+    let cut = [(Stage::Identify, is_cut.into_inner()), (Stage::Diagnose, !diagnosis.not_tried.is_empty())];
+    let cut: Vec<Stage> = cut.into_iter().filter(|(_, is_cut)| *is_cut).map(|(stage, _)| stage).collect();
+    warnings.extend(cut_short(&cut, &diagnosis.not_tried));
+    Ok(Analysis { gate, zeros, warnings, delivered, identification, identified, cut, diagnosis })
+}
+
+/// Share of the time after which the fit of the delivered model gives its best parameters so far.
+const LAST_FIT: f64 = 0.3;
+
+/// Warning about stages that ended before they were done; `None` if all did.
+fn cut_short(cut: &[Stage], not_tried: &[String]) -> Option<String> {
+    let what = |stage: &Stage| match stage {
+        Stage::Diagnose => format!("diagnose, which did not try {}", not_tried.join(", ")),
+        other => format!("{other}, which has the best parameters so far"),
+    };
+    let cut: Vec<String> = cut.iter().map(what).collect();
+    (!cut.is_empty()).then(|| format!("the time was up; cut short: {}", cut.join("; ")))
 }
 
 /// Fit of `model` with the default options, and the errors that it leaves.
@@ -147,8 +174,14 @@ pub fn run(
 /// # Panics
 /// If `data` has no recording.
 pub fn identify(model: &Model, data: &Data) -> Result<Identification, FitError> {
+    identify_until(model, data, None)
+}
+
+/// As [`identify`]; the fit ends with the best parameters so far once `stop` returns true.
+fn identify_until(model: &Model, data: &Data, stop: Option<Stop>) -> Result<Identification, FitError> {
     let floor = noise_floor(model, &data.datasets);
-    let fitted = fit(model, &data.datasets, &vec![floor.clone(); data.datasets.len()])?;
+    let options = fit::Options { stop, ..fit::Options::default() };
+    let fitted = fit_with(model, &data.datasets, &vec![floor.clone(); data.datasets.len()], &options)?;
     let held_out_rms = held_out_rms(&fitted.model, &data.held_out)?;
     Ok(Identification { fitted, channels: data.channels().to_vec(), noise_floor: floor, held_out_rms, limbs: None })
 }

@@ -135,7 +135,8 @@ fn bytes(text: &str) -> Result<u64, String> {
     count.and_then(|count| count.checked_mul(1 << shift)).ok_or("expected a size such as 2G, 500M or 1000000".into())
 }
 
-fn mass(text: &str) -> Result<f64, String> {
+/// The mass in kg that `text` states.
+pub fn mass(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(x) if (0.0..=100.0).contains(&x) => Ok(x),
         _ => Err("expected a number from 0 to 100".into()),

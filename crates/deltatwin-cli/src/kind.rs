@@ -16,8 +16,6 @@ use deltatwin_io::outside::Access;
 use deltatwin_io::recording::setup;
 use deltatwin_io::recording::{self, Reading};
 use deltatwin_io::{model, scenario, study};
-use deltatwin_study::conduct::Conduct;
-use deltatwin_validation::exam::experiment::Experiments;
 
 /// A valid file.
 #[derive(Clone, Debug)]
@@ -32,15 +30,25 @@ pub struct Verified {
     pub gate: Option<Vec<Finding>>,
 }
 
-/// Validates a file of any kind with `access` to the files it names; recordings are read as specified by `how` and compared
-/// with `model`.
+/// How recordings are validated.
+#[derive(Clone, Copy)]
+pub struct Examination<'a> {
+    /// How they are read.
+    pub how: Reading<'a>,
+    /// Model that they are compared with.
+    pub model: Option<&'a Model>,
+    /// Mass of their payload, kg, instead of what the setup states.
+    pub payload_mass: Option<f64>,
+}
+
+/// Validates a file of any kind with `access` to the files it names.
 ///
 /// # Errors
 /// The first error of the file.
-pub fn check_as(path: &Path, access: Access, how: &Reading, model: Option<&Model>) -> miette::Result<Verified> {
+pub fn check_as(path: &Path, access: Access, recordings: &Examination) -> miette::Result<Verified> {
     let kind = kind(path)?;
     if kind == Kind::Recording {
-        let (summary, warnings, gate) = recording(path, how, model)?;
+        let (summary, warnings, gate) = recording(path, recordings)?;
         return Ok(Verified { kind, summary, warnings, gate });
     }
     let (summary, warnings) = match kind {
@@ -74,21 +82,30 @@ fn scenario(path: &Path, access: Access) -> miette::Result<String> {
 
 fn study(path: &Path, access: Access) -> miette::Result<String> {
     let study = study::read(path, access)?;
+    let names: Vec<&str> = study.factors.iter().map(|f| f.name.as_str()).collect();
+    let scenario = study.scenario().file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let what = format!("{} of {} on {scenario}", study.design.name(), names.join(", "));
+    rows(study, what)
+}
+
+/// Summary of a study that may run: `what` it is, with the number of its rows.
+#[cfg(feature = "studies")]
+fn rows(study: study::Study, what: String) -> miette::Result<String> {
+    use deltatwin_study::conduct::Conduct;
+    use deltatwin_validation::exam::experiment::Experiments;
     if study.experiment.is_some() {
         let experiments = Experiments::new(study, Path::new(""))?;
         return Ok(format!("experiments of the diagnosis, {} of them.", experiments.runs()));
     }
     let conduct = Conduct::new(study, Path::new(""))?;
-    let study = &conduct.study;
-    let names: Vec<&str> = study.factors.iter().map(|f| f.name.as_str()).collect();
     let most = if conduct.is_search() { "at most " } else { "" };
-    Ok(format!(
-        "{} of {} on {}, {most}{} rows; every factor fits at both ends of its range.",
-        study.design.name(),
-        names.join(", "),
-        study.scenario().file_name().unwrap_or_default().to_string_lossy(),
-        conduct.runs(),
-    ))
+    Ok(format!("{what}, {most}{} rows; every factor fits at both ends of its range.", conduct.runs()))
+}
+
+/// Summary of a study whose runs this build leaves out.
+#[cfg(not(feature = "studies"))]
+fn rows(_: study::Study, what: String) -> miette::Result<String> {
+    Ok(format!("{what}; its factors are checked by a build with `--features studies`."))
 }
 
 fn planned_path(path: &Path, access: Access) -> miette::Result<String> {
@@ -131,8 +148,9 @@ pub fn alone(path: &Path, recording: &Recording) -> Vec<String> {
 
 type Verdict = (String, Vec<String>, Option<Vec<Finding>>);
 
-fn recording(path: &Path, how: &Reading, model: Option<&Model>) -> miette::Result<Verdict> {
-    let (recording, mut warnings) = recording::read_as(path, how)?;
+fn recording(path: &Path, &Examination { how, model, payload_mass }: &Examination) -> miette::Result<Verdict> {
+    let (mut recording, mut warnings) = recording::read_as(path, &how)?;
+    recording.setup.payload.mass = payload_mass.unwrap_or(recording.setup.payload.mass);
     let mut dataset = Dataset::new(&recording);
     if model.is_none() {
         // For a model with elastic gears; of a long recording they are large.

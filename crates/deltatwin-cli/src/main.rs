@@ -1,6 +1,8 @@
 //! The `deltatwin` command line.
 
 mod arguments;
+#[cfg(feature = "watch")]
+mod broker;
 mod command;
 mod data;
 mod kind;
@@ -9,13 +11,10 @@ mod terminal;
 
 use std::process::ExitCode;
 
-use arguments::{Cli, Command};
+use arguments::Cli;
 use clap::Parser;
 use clap::error::{ContextKind, ContextValue};
-use command::{
-    add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, new, noise, plan, replay,
-    reproduce, shell, simulate, study, watch,
-};
+use command::{Command, demo, left_out};
 use miette::MietteHandlerOpts;
 use serde_json::{Value, json};
 
@@ -29,20 +28,28 @@ fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(mut usage) => {
-            if let Some(expected) = expected_number(&usage) {
+            if let Some(expected) = expected_number(&usage).map(str::to_string).or_else(|| needs_a_feature(&usage)) {
                 usage.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![expected.into()]));
             }
+            // The parser repeats what it does not know, such as an address at a wrong place with its password.
+            let text = usage.render().to_string();
+            let shown = terminal::without_login(&text);
             if as_json && usage.use_stderr() {
-                print_json_error(json!({ "message": usage.render().to_string().trim(), "causes": [], "help": null }));
+                print_json_error(json!({ "message": shown.trim(), "causes": [], "help": null }));
+            }
+            if usage.use_stderr() && shown != text {
+                terminal::complain(shown.trim_end());
+                return ExitCode::from(terminal::BAD_INPUT);
             }
             usage.exit()
         }
     };
-    // The diagnosis gives the best answer that the time allows.
-    if let Some(limit) = cli.time_limit.filter(|_| !matches!(cli.command, Some(Command::Diagnose(_)))) {
+    // These give the best answer that the time allows.
+    let is_bounded = matches!(cli.command, Some(Command::Diagnose(_) | Command::Run(_)));
+    if let Some(limit) = cli.time_limit.filter(|_| !is_bounded) {
         terminal::end_after(limit);
     }
-    let outcome = run(cli.command.unwrap_or_else(|| Command::Demo(demo::Args::default())));
+    let outcome = cli.command.unwrap_or_else(|| Command::Demo(demo::Args::default())).run();
     #[cfg(feature = "viewer")]
     command::view::end();
     match outcome {
@@ -70,38 +77,15 @@ fn expected_number(usage: &clap::Error) -> Option<&'static str> {
     }
 }
 
+/// How to build a program that has the command asked for, if this build leaves it out.
+fn needs_a_feature(usage: &clap::Error) -> Option<String> {
+    let Some(ContextValue::String(name)) = usage.get(ContextKind::InvalidSubcommand) else { return None };
+    let feature = left_out(name)?;
+    Some(format!("this build leaves `{name}` out; build it with `cargo run --features {feature} -- {name} …`"))
+}
+
 /// Prints `{"error": {"message", "causes", "help"}}` on stdout, for programs that asked for JSON.
 fn print_json_error(error: Value) {
     // If stdout is closed as well, the error is on stderr only.
     let _ = terminal::say(json!({ "error": error }));
-}
-
-fn run(command: Command) -> miette::Result<u8> {
-    match &command {
-        Command::Demo(args) => demo::run(args),
-        Command::Run(args) => command::run::run(args),
-        Command::Reproduce(args) => reproduce::run(args),
-        Command::Simulate(args) => simulate::run(args),
-        Command::New(args) => new::run(args),
-        Command::Import(args) => convert::import::run(args),
-        Command::Export(args) => convert::export::run(args),
-        Command::Excite(args) => excite::run(args),
-        Command::Identify(args) => identify::run(args),
-        Command::Noise(args) => noise::run(args),
-        Command::Compare(args) => compare::run(args),
-        Command::Diagnose(args) => diagnose::run(args),
-        Command::Add(args) => add::run(args),
-        Command::Exam(args) => exam::run(args),
-        Command::Effects(args) => effects::run(args),
-        Command::Forces(args) => forces::run(args),
-        Command::Plan(args) => plan::run(args),
-        Command::Replay(args) => replay::run(args),
-        Command::Watch(args) => watch::run(args),
-        #[cfg(feature = "studio")]
-        Command::Studio(args) => command::studio::run(args),
-        Command::Study(args) => study::run(args),
-        Command::Check(args) => check::run(args),
-        Command::Completions(args) => shell::completions(args),
-        Command::Man(args) => shell::man(args),
-    }
 }

@@ -23,10 +23,10 @@ mod bars;
 mod text;
 
 pub use bars::error_bars;
-pub use deltatwin_analysis::json::{estimates, insert_channels, path, paths};
+pub use deltatwin_analysis::json::{estimates, insert_channels, path};
 use text::FIRM;
 use text::harmless;
-pub use text::{WIDTH, command, grouped, hanging, wrapped};
+pub use text::{WIDTH, command, grouped, hanging, without_login, wrapped};
 
 /// Exit status: success.
 pub const DONE: u8 = 0;
@@ -160,7 +160,7 @@ pub fn assembled_robot(file: &Path) -> miette::Result<Model> {
 
 /// Writes an SVG file.
 pub fn write_figure(target: &Path, figure: &Figure) -> miette::Result<()> {
-    file::replace(target, |out| out.write_all(figure.svg().as_bytes())).into_diagnostic()
+    Ok(file::replace(target, |out| out.write_all(figure.svg().as_bytes()))?)
 }
 
 /// Today's date, `2026-11-22` (UTC).
@@ -183,7 +183,7 @@ pub fn origin(stage: &str, model: Option<&Path>, inputs: &Inputs, warnings: &[St
 pub fn origin_of(stage: &str, files: &[(&'static str, &Path)]) -> miette::Result<Origin> {
     let rest = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
     Ok(Origin {
-        command: std::iter::once("deltatwin".to_string()).chain(rest).collect(),
+        command: std::iter::once("deltatwin".to_string()).chain(rest.map(|word| without_login(&word))).collect(),
         stage: stage.into(),
         version: env!("CARGO_PKG_VERSION").into(),
         date: today(),
@@ -238,7 +238,8 @@ impl std::fmt::Display for Table {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0);
         let width = |c: usize| self.rows.iter().filter_map(|r| r.get(c)).map(|s| s.chars().count()).max().unwrap_or(0);
-        let widths: Vec<usize> = (0..columns).map(width).collect();
+        // Wider ones cannot be padded by the formatter.
+        let widths: Vec<usize> = (0..columns).map(|c| width(c).min(usize::from(u16::MAX))).collect();
         for (r, row) in self.rows.iter().enumerate() {
             let mut line = String::new();
             for (c, cell) in row.iter().enumerate() {
@@ -282,6 +283,13 @@ mod tests {
         table.row(["µ".into(), "1".into(), "N".into()]);
         table.row(["longer".into(), "10".into(), "N·m".into()]);
         assert_eq!(table.to_string(), "  name     x  unit\n  µ        1  N\n  longer  10  N·m");
+    }
+
+    #[test]
+    fn a_cell_of_any_length_is_printed() {
+        let mut table = Table::new(&["name", "x"], &[]);
+        table.row(["n".repeat(70_000), "1".repeat(70_000)]);
+        assert!(table.to_string().len() > 140_000);
     }
 
     #[test]

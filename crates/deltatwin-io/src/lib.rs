@@ -1,5 +1,6 @@
 //! Reading and writing of all files of deltatwin.
 
+mod excerpt;
 pub mod exchange;
 pub mod file;
 pub mod kind;

@@ -7,13 +7,14 @@ use std::sync::Arc;
 
 use deltatwin::machine::{AXES, Payload};
 use deltatwin::text::nearest;
-use miette::{Diagnostic, NamedSource, SourceSpan};
+use miette::{Diagnostic, SourceSpan};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use thiserror::Error;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue, Deserializer, ValueDeserializer};
 
+use crate::excerpt::Excerpt;
 use crate::outside::Access;
 
 /// An error in a text file.
@@ -24,10 +25,10 @@ pub struct Problem {
     pub place: String,
     /// Key, value and what was expected.
     pub message: String,
-    /// Text of the file.
+    /// What is shown of the file.
     #[source_code]
-    text: Arc<NamedSource<String>>,
-    /// Position of the error in the text.
+    text: Arc<Excerpt>,
+    /// Position of the error in what is shown.
     #[label("{label}")]
     span: SourceSpan,
     label: String,
@@ -36,7 +37,7 @@ pub struct Problem {
 /// Result of a check.
 pub(crate) type Checked<T> = std::result::Result<T, Problem>;
 
-/// Closed interval of numbers, with their unit.
+/// Closed interval of numbers, with their unit; from [`f64::MIN_POSITIVE`] on it is that of positive numbers.
 #[derive(Clone, Copy)]
 pub(crate) struct Interval<'a>(pub f64, pub f64, pub &'a str);
 
@@ -49,10 +50,11 @@ impl Interval<'_> {
 impl fmt::Display for Interval<'_> {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let Self(low, high, unit) = self;
-        match *unit {
-            "" => write!(f, "from {low} to {high}"),
-            unit => write!(f, "from {low} to {high} {unit}"),
+        match *low {
+            f64::MIN_POSITIVE => write!(f, "above 0, at most {high}")?,
+            low => write!(f, "from {low} to {high}")?,
         }
+        if unit.is_empty() { Ok(()) } else { write!(f, " {unit}") }
     }
 }
 
@@ -109,13 +111,9 @@ impl<'a> Source<'a> {
         let before = self.text.get(..span.start).unwrap_or(self.text);
         let line = before.matches('\n').count() + 1;
         let column = before.chars().rev().take_while(|&c| c != '\n').count() + 1;
-        Problem {
-            place: format!("{}:{line}:{column}", self.name),
-            message,
-            text: NamedSource::new(&self.name, self.text.to_string()).with_language("toml").into(),
-            span: span.into(),
-            label,
-        }
+        let (excerpt, span) = Excerpt::new(&self.name, self.text, span);
+        let place = format!("{}:{line}:{column}", self.name);
+        Problem { place, message, text: excerpt.into(), span: span.into(), label }
     }
 
     /// An error of the TOML reader.

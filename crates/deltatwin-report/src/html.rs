@@ -226,7 +226,7 @@ impl Report {
 }
 
 /// Security policy of a page that runs the given scripts alone and loads nothing.
-fn policy(scripts: &[&str]) -> String {
+pub fn policy(scripts: &[&str]) -> String {
     let hash = |script: &&str| format!(" 'sha256-{}'", STANDARD.encode(Sha256::digest(script.as_bytes())));
     let own: String = scripts.iter().map(hash).collect();
     let own = if own.is_empty() { " 'none'".into() } else { own };

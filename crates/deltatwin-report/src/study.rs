@@ -38,7 +38,7 @@ pub struct FmeaRow {
     pub end: String,
     /// Supervision that notices it first.
     pub detection: String,
-    /// Time from there to the failure, s; negative: after it; `None`: never noticed.
+    /// Time from there to the failure, s; `None` if it is not noticed before.
     pub lead: Option<f64>,
     /// Number of runs that failed in this way.
     pub runs: usize,
@@ -125,8 +125,7 @@ fn failure_modes(report: &mut Report, rows: &[FmeaRow]) {
 /// Lead time as text.
 fn lead(lead: Option<f64>) -> String {
     match lead {
-        None => "never".into(),
-        Some(lead) if lead < 0.0 => format!("{:.1} ms too late", -1e3 * lead),
+        None => "not before".into(),
         Some(lead) if lead < 1.0 => format!("{:.1} ms before", 1e3 * lead),
         Some(lead) => format!("{lead:.2} s before"),
     }
@@ -147,7 +146,7 @@ mod tests {
             numbers: vec![KeyNumber { value: "3.1 %".into(), label: "fail".into(), note: "2.8–3.5 %".into() }],
             answers: vec![(Callout::Bad, "It falls apart.".into())],
             sections: vec![section],
-            fmea: vec![row("rare", 1, None), worst, row("late", 3, Some(-0.002))],
+            fmea: vec![row("rare", 1, None), worst, row("late", 3, None)],
             commands: vec![("run 4002 again".into(), "deltatwin study s.toml --run 4002".into())],
             ..StudyPage::default()
         };
@@ -159,8 +158,7 @@ mod tests {
             "<h2 id=\"failure-modes\">",
             "tilting &lt;torque&gt;",
             "<td data-label=\"lead time\">12.3 ms before</td><td data-label=\"runs\">40 (such as run 4002)</td>",
-            "2.0 ms too late",
-            "never",
+            "not before",
             "<pre># run 4002 again\ndeltatwin study s.toml --run 4002</pre>",
         ] {
             assert!(html.contains(text), "{text}");

@@ -9,15 +9,15 @@ use nalgebra::Isometry3;
 use crate::ghost;
 use crate::scene::{self, After, Assets, Live, Scene, Series, Viewer, measured, write_rrd};
 use crate::sigma::{BLOCK, LEGEND, in_sigma, means};
-use deltatwin::constraint_forces::{Detail, constraint_forces};
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::{Dataset, Residuals, predict};
 use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::kinematics::{JointState, KinematicsError};
 use deltatwin::machine::bodies::BODIES;
-use deltatwin::machine::{AXES, Mechanism, STRUTS, Unit};
+use deltatwin::machine::{AXES, Part, Unit};
 use deltatwin::model::Model;
 use deltatwin::recording::{Contact, Contacts, Recording};
+use deltatwin::twin::Clamps;
 use deltatwin_io::outside::Access;
 
 /// Duration of a piece of a stream, s: what it adds to the latency.
@@ -237,17 +237,13 @@ fn used(
     dataset: &Dataset,
     frames: &[usize],
 ) -> Result<Option<Vec<[f64; SOCKETS]>>, KinematicsError> {
-    let hold = model.sockets.dislocation_force;
-    if !plant.assembled || plant.mechanism != Mechanism::delta(true) || hold <= 0.0 {
+    if !plant.has(Part::Linkage) {
         return Ok(None);
     }
+    let clamps = Clamps::watched(&model.sockets);
     let of = |&k: &usize| {
-        let pose = plant.motion(&dataset.joints[k])?;
-        let own = plant.steady_states(dataset.t[k], &pose);
-        let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
-        let forces = constraint_forces(plant, dataset.t[k], &pose, &states, Detail::Complete)?;
-        let force = |s: usize| if s < STRUTS { forces.lambda_s[s] } else { forces.lambda_p[s - STRUTS] };
-        Ok(std::array::from_fn(|s| force(s).abs() / hold))
+        let (_, margins) = clamps.along(plant, dataset.t[k], &plant.motion(&dataset.joints[k])?)?;
+        Ok(clamps.used(&margins))
     };
     frames.iter().map(of).collect::<Result<Vec<_>, _>>().map(Some)
 }

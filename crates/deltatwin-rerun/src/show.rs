@@ -9,7 +9,6 @@ use crate::scene::{
     Assets, Contact, Scene, Series, Thing, measured, socket_margins, strut_force, strut_forces, write_rrd,
 };
 use deltatwin::dynamics::Plant;
-use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::machine::bodies::BODIES;
 use deltatwin::machine::{Part, STRUTS};
 use deltatwin::recording::{Recording, Signals};
@@ -52,7 +51,8 @@ impl Stage {
         let times = frames.iter().map(|f| f.t).collect();
         let mut scene = Scene::new(plant.mechanism, &plant.geometry, times, frames.iter().map(|f| f.bodies).collect());
         scene.loose = Some(frames.iter().map(loose).collect());
-        scene.used = options.clamps.as_ref().map(|clamps| frames.iter().map(|f| used(f, &clamps.hold)).collect());
+        scene.used =
+            options.clamps.as_ref().map(|clamps| frames.iter().map(|f| clamps.used(&f.socket_margin)).collect());
         scene.payload = options.payload_shape.clone().map(|p| (p.shape, p.centre));
         let thing = |(i, object)| Thing { object, poses: frames.iter().map(|f| f.objects[i]).collect() };
         scene.things = options.objects.iter().enumerate().map(thing).collect();
@@ -109,11 +109,6 @@ const LEGEND: &str = "**Struts and cups**: load against hold, grey up to a half,
 /// Contacts of a frame.
 fn touches(frame: &Frame) -> Vec<Contact> {
     frame.contacts.iter().map(|touch| Contact { at: touch.at, force: touch.push }).collect()
-}
-
-/// Share of the hold that each socket uses.
-fn used(frame: &Frame, hold: &[f64; SOCKETS]) -> [f64; SOCKETS] {
-    std::array::from_fn(|s| if hold[s] > 0.0 { 1.0 - frame.socket_margin[s] / hold[s] } else { 1.0 })
 }
 
 /// Struts with an open socket.

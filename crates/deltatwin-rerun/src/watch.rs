@@ -8,10 +8,10 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use crate::scene::{Assets, Level, Live, Note, Scene, Series, Viewer, drives, socket_margins};
 use crate::sigma::{BLOCK, LEGEND, in_sigma, means};
 use deltatwin::dynamics::Plant;
-use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::machine::{AXES, Setup, Unit};
 use deltatwin::model::Model;
 use deltatwin::monitoring::Observation;
+use deltatwin::twin::Clamps;
 use deltatwin_io::outside::Access;
 
 /// Number of windows that wait.
@@ -40,7 +40,7 @@ impl Broadcast {
     /// If no viewer answers or none can be started.
     pub fn open(viewer: &Viewer, model: &Model, setup: &Setup) -> Result<Self, String> {
         let assets = Assets::of(model, Access::PROJECT).map_err(|e| format!("{e:#}"))?;
-        let shown = Shown { plant: Plant::new(model, setup), hold: model.sockets.dislocation_force, assets };
+        let shown = Shown { plant: Plant::new(model, setup), clamps: Clamps::watched(&model.sockets), assets };
         let live = Live::open(viewer, "watch", &shown.layout(&model.name)).map_err(|e| e.to_string())?;
         let (queue, waiting) = sync_channel(QUEUE);
         let name = model.name.clone();
@@ -65,7 +65,7 @@ impl Broadcast {
 /// The machine that is shown.
 struct Shown {
     plant: Plant,
-    hold: f64,
+    clamps: Clamps,
     assets: Assets,
 }
 
@@ -145,8 +145,7 @@ impl Shown {
         scene.residual = Some(in_sigma(&means, healthy));
         if let Some(loads) = &window.loads {
             scene.series.push(socket_margins(&[window.t[1]], &[loads.margin]));
-            let used: [f64; SOCKETS] = loads.margin.map(|m| if self.hold > 0.0 { 1.0 - m / self.hold } else { 0.0 });
-            scene.used = Some(vec![used; frames.len()]);
+            scene.used = Some(vec![self.clamps.used(&loads.margin); frames.len()]);
         }
         scene
     }

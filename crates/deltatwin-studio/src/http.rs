@@ -2,16 +2,17 @@
 
 use std::io::Read;
 use std::path::{Component, Path};
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 use std::time::Duration;
 
 use deltatwin_report::html;
 use http_body_util::{BodyExt, StreamBody};
-use hyper::StatusCode;
 use hyper::body::{Bytes, Frame};
 use hyper::header::{
-    CACHE_CONTROL, CONTENT_LENGTH, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HOST, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS,
+    CACHE_CONTROL, CONTENT_LENGTH, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HOST, HeaderValue, ORIGIN, REFERRER_POLICY,
+    X_CONTENT_TYPE_OPTIONS,
 };
+use hyper::{Method, StatusCode};
 use miette::{IntoDiagnostic, miette};
 use serde_json::{Value, json};
 use tokio::sync::watch;
@@ -19,6 +20,7 @@ use tokio_stream::StreamExt;
 use tokio_stream::wrappers::WatchStream;
 
 use crate::server::{Answer, Listener, Request, answer, streamed};
+use crate::session::STAGES;
 use crate::studio::Studio;
 use crate::view;
 #[cfg(feature = "viewer")]
@@ -48,6 +50,10 @@ pub(crate) const BYTES: &str = "application/octet-stream";
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; connect-src 'self'; \
      img-src 'self' data:; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
+/// What a page of the session's folder may run: the scripts of such pages, wherever the file has come from.
+static OF_FILES: LazyLock<String> =
+    LazyLock::new(|| html::policy(&[html::UPLOT, html::PAGE]) + "; frame-ancestors 'none'");
+
 /// A server on this machine.
 pub struct Server {
     listener: Listener,
@@ -70,6 +76,7 @@ struct Desk {
 /// If the port is in use, or the system has no random numbers.
 pub fn serve(studio: Studio, port: u16) -> miette::Result<Server> {
     let listener = Listener::open(port).map_err(|e| miette!("127.0.0.1:{port}: {e}"))?;
+    studio.note(listener.address)?;
     let mut bytes = [0; 16];
     getrandom::fill(&mut bytes).map_err(|e| miette!("no random number: {e}"))?;
     let token = bytes.iter().map(|b| format!("{b:02x}")).collect();
@@ -116,6 +123,9 @@ impl Desk {
         let query = query.as_str();
         if !self.is_local(request) {
             return refusal(StatusCode::FORBIDDEN, "expected the address 127.0.0.1");
+        }
+        if request.method() != Method::GET && !self.is_own(request) {
+            return refusal(StatusCode::FORBIDDEN, "expected a request of the studio's own page");
         }
         match (request.method().as_str(), path.as_str()) {
             ("GET", "/studio.js") => text(SCRIPT, JAVASCRIPT),
@@ -189,6 +199,15 @@ impl Desk {
         request.headers().get(HOST).is_some_and(|host| self.hosts.iter().any(|own| own == host))
     }
 
+    /// Whether the request comes from a page of this server, or from no page.
+    fn is_own(&self, request: &Request) -> bool {
+        let own = |origin: &HeaderValue| {
+            let host = origin.as_bytes().strip_prefix(b"http://");
+            self.hosts.iter().any(|own| host == Some(own.as_bytes()))
+        };
+        request.headers().get(ORIGIN).is_none_or(own)
+    }
+
     fn knows_token(&self, request: &Request, query: &str) -> bool {
         let known = |token: &[u8]| token == self.token.as_bytes();
         request.headers().get("x-token").is_some_and(|token| known(token.as_bytes()))
@@ -225,14 +244,11 @@ impl Desk {
 
     /// The result of a stage as a part of a page.
     fn stage(&self, name: &str) -> Answer {
-        if !view::STAGES.contains(&name) {
+        if !STAGES.contains(&name) {
             return refusal(StatusCode::NOT_FOUND, "there is no such stage");
         }
-        let file = self.studio.folder().join("stages").join(format!("{name}.html"));
-        match std::fs::read_to_string(file) {
-            Ok(part) => text(part, HTML),
-            Err(_) => text("", HTML),
-        }
+        let part = self.studio.lock().session.part(self.studio.folder(), name);
+        text(part.and_then(|file| std::fs::read_to_string(file).ok()).unwrap_or_default(), HTML)
     }
 
     /// A file of the session to be kept.
@@ -243,10 +259,7 @@ impl Desk {
         let file = self.studio.folder().join(path);
         let real = file.canonicalize().ok().filter(|real| real.starts_with(self.studio.folder()));
         match (inside && wanted, real.and_then(|real| std::fs::read(real).ok())) {
-            (true, Some(content)) => {
-                let kind = if name.ends_with(".html") { HTML } else { BYTES };
-                answer(content, &[(CONTENT_TYPE, kind), (X_CONTENT_TYPE_OPTIONS, "nosniff")])
-            }
+            (true, Some(content)) => within(&OF_FILES, content, if name.ends_with(".html") { HTML } else { BYTES }),
             _ => refusal(StatusCode::NOT_FOUND, "there is no such file"),
         }
     }

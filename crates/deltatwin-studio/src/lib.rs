@@ -4,6 +4,7 @@
 //! models, results of every stage and the commands that give them, so that a reload, a second window, a killed server or
 //! the command line go on where it was.
 
+mod claim;
 mod http;
 mod job;
 mod server;

@@ -3,11 +3,12 @@
 //! Windows hold streams of events open for hours, beside uploads that take minutes: none of them waits for another, and a
 //! connection that ends after its answer occupies nothing in between.
 
+use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::pin::Pin;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use http_body_util::combinators::UnsyncBoxBody;
@@ -27,10 +28,13 @@ use tokio_stream::{Stream, StreamExt};
 use tokio_util::io::{StreamReader, SyncIoBridge};
 use tokio_util::sync::CancellationToken;
 
-/// Number of connections that are served at the same time; more wait.
+/// Number of connections that are served at the same time. One more takes the place of the oldest that has sent no
+/// request yet; where there is none, it waits.
 const MOST_CONNECTIONS: usize = 128;
 /// Size of the longest head of a request, bytes.
 const LONGEST_HEAD: usize = 64 << 10;
+/// Time for the head of a request.
+const HEAD: Duration = Duration::from_secs(5);
 /// Time in which the other side must say or take something.
 const PATIENCE: Duration = Duration::from_secs(30);
 /// Time for what an answered request still sends.
@@ -92,12 +96,17 @@ impl Listener {
     async fn serve(&self, reply: Arc<impl Fn(&mut Request) -> Answer + Send + Sync + 'static>) -> io::Result<()> {
         let listener = tokio::net::TcpListener::from_std(self.listener.try_clone()?)?;
         let (places, open) = (Arc::new(Semaphore::new(MOST_CONNECTIONS)), GracefulShutdown::new());
+        let silent = Arc::new(Silent::default());
         let mut http = http1::Builder::new();
-        http.keep_alive(false).timer(TokioTimer::new()).header_read_timeout(PATIENCE).max_buf_size(LONGEST_HEAD);
-        loop {
+        http.keep_alive(false).timer(TokioTimer::new()).header_read_timeout(HEAD).max_buf_size(LONGEST_HEAD);
+        for number in 0.. {
             let next = async {
+                let (stream, _) = listener.accept().await?;
+                if places.available_permits() == 0 {
+                    silent.end_oldest();
+                }
                 let place = places.clone().acquire_owned().await.map_err(io::Error::other)?;
-                listener.accept().await.map(|(stream, _)| (place, stream))
+                Ok::<_, io::Error>((place, stream))
             };
             let accepted = tokio::select! {
                 accepted = next => accepted,
@@ -110,20 +119,50 @@ impl Listener {
             };
             let mut stream = Box::pin(TimeoutWriter::new(stream));
             stream.as_mut().set_timeout_pinned(Some(PATIENCE));
-            let reply = reply.clone();
+            let (reply, heard) = (reply.clone(), silent.clone());
             let service = service_fn(move |request| {
+                heard.forget(number);
                 let reply = reply.clone();
                 async move { Ok::<_, Infallible>(respond(request, reply).await) }
             });
             let connection = open.watch(http.serve_connection(TokioIo::new(stream), service));
+            let (ended, silent) = (silent.add(number), silent.clone());
             tokio::spawn(async move {
                 let _place = place;
                 // The other side's going ends it.
-                let _ = connection.await;
+                tokio::select! {
+                    _ = connection => {}
+                    () = ended.cancelled() => {}
+                }
+                silent.forget(number);
             });
         }
         let _ = timeout(ENDING, open.shutdown()).await;
         Ok(())
+    }
+}
+
+/// Connections that have sent no request yet, by the order in which they came, with what ends them.
+#[derive(Default)]
+struct Silent(Mutex<BTreeMap<u64, CancellationToken>>);
+
+impl Silent {
+    fn all(&self) -> MutexGuard<'_, BTreeMap<u64, CancellationToken>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn add(&self, number: u64) -> CancellationToken {
+        self.all().entry(number).or_default().clone()
+    }
+
+    fn forget(&self, number: u64) {
+        self.all().remove(&number);
+    }
+
+    fn end_oldest(&self) {
+        if let Some((_, oldest)) = self.all().pop_first() {
+            oldest.cancel();
+        }
     }
 }
 

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use deltatwin_analysis::Inputs;
+use deltatwin_analysis::folder::{Input, sha256};
 use deltatwin_io::file::replace_text;
-use deltatwin_io::recording::Mapping;
+use deltatwin_io::recording::{Mapping, setup};
 use miette::{IntoDiagnostic, WrapErr, miette};
 use serde::{Deserialize, Serialize};
 
@@ -29,9 +30,44 @@ pub struct Session {
     pub current: Option<usize>,
     /// Results by stage: `check`, `fit`, `where`, `why`, `add`.
     pub stages: BTreeMap<String, StageResult>,
-    /// Changes of data or reading so far: a result of earlier data is thrown away.
+    /// Changes of data or reading so far: work that began before the last one has no result.
     pub generation: u64,
+    /// What the results depend on now.
+    #[serde(default)]
+    pub basis: Basis,
+    /// Results by stage and what they depend on, `STAGE-HASH`: they come back with their inputs.
+    #[serde(default)]
+    pub kept: BTreeMap<String, StageResult>,
+    /// Whether recordings that were left out were held out.
+    #[serde(default)]
+    pub left_out: BTreeMap<String, bool>,
+    /// Versions of delivered models that were in use earlier, by the file of the first.
+    #[serde(default)]
+    pub earlier: BTreeMap<String, Vec<Version>>,
 }
+
+/// Hashes of what the results of stages depend on: the recordings with their setups, how they are read, and the delivered
+/// model.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, PartialEq, Eq)]
+pub struct Basis {
+    /// With all recordings.
+    pub all: String,
+    /// With those that are fitted.
+    pub fitted: String,
+}
+
+impl Basis {
+    /// Name of the result of `stage`: the fit does not see what is held out.
+    pub fn key(&self, stage: &str) -> String {
+        let hash = if stage == "fit" { &self.fitted } else { &self.all };
+        format!("{stage}-{}", hash.get(..DIGITS).unwrap_or_default())
+    }
+}
+
+/// Digits of a hash in the names of results.
+const DIGITS: usize = 16;
+/// Names of the stages in order.
+pub const STAGES: [&str; 5] = ["check", "fit", "where", "why", "add"];
 
 /// A recording of a session.
 #[derive(Clone, Debug, Serialize, Deserialize, PartialEq, Eq)]
@@ -40,6 +76,9 @@ pub struct Recording {
     pub file: String,
     /// Whether the fit does not see it.
     pub held_out: bool,
+    /// SHA-256 of its content.
+    #[serde(default)]
+    pub sha256: String,
 }
 
 /// How the recordings are read, as the options of the commands.
@@ -77,6 +116,17 @@ pub struct Version {
     pub command: String,
     /// Its errors on the data of the session; `None` until the data are checked.
     pub errors: Option<Errors>,
+    /// Its errors by the data they are of, see [`Basis::all`].
+    #[serde(default)]
+    pub known: BTreeMap<String, Errors>,
+}
+
+impl Version {
+    /// A version that is not made from another one.
+    pub fn delivered(file: &str, what: &str) -> Self {
+        let (file, what) = (file.into(), what.into());
+        Self { file, what, parent: None, command: String::new(), errors: None, known: BTreeMap::new() }
+    }
 }
 
 /// RMS errors of a model, on held-out data if there are any.
@@ -139,6 +189,10 @@ impl Default for Session {
             current: None,
             stages: BTreeMap::new(),
             generation: 0,
+            basis: Basis::default(),
+            kept: BTreeMap::new(),
+            left_out: BTreeMap::new(),
+            earlier: BTreeMap::new(),
         }
     }
 }
@@ -155,22 +209,28 @@ impl Session {
         }
         let named = || format!("{}: is no session", file.display());
         let text = std::fs::read_to_string(&file).into_diagnostic().wrap_err_with(named)?;
-        let session: Self = serde_json::from_str(&text).into_diagnostic().wrap_err_with(named)?;
+        let mut session: Self = serde_json::from_str(&text).into_diagnostic().wrap_err_with(named)?;
         if session.schema_version > SCHEMA_VERSION {
             let (found, known) = (session.schema_version, SCHEMA_VERSION);
             return Err(miette!("{}: is of layout {found}; expected at most {known}", file.display()));
         }
-        let own = session.recordings.iter().map(|r| &r.file).chain(session.versions.iter().map(|v| &v.file));
+        let versions = session.versions.iter().chain(session.earlier.values().flatten());
+        let own = session.recordings.iter().map(|r| &r.file).chain(versions.map(|v| &v.file));
         if let Some(file) = own.clone().find(|f| !inside(f)) {
             return Err(miette!(
                 "{}: names the file `{file}`; expected one in its folder",
                 folder.join(FILE).display()
             ));
         }
-        let last = session.versions.len();
-        let indices = session.current.iter().chain(session.versions.iter().flat_map(|v| &v.parent));
-        if indices.into_iter().any(|k| *k >= last) {
+        let lines = session.earlier.values().chain([&session.versions]);
+        let whole = |line: &Vec<Version>| line.iter().flat_map(|v| v.parent).all(|k| k < line.len());
+        if !lines.into_iter().all(whole) || session.current.is_some_and(|k| k >= session.versions.len()) {
             return Err(miette!("{}: names a version that there is not", folder.join(FILE).display()));
+        }
+        let is_hash = |hash: &String| hash.len() == 64 && hash.bytes().all(|b| b.is_ascii_hexdigit());
+        if !is_hash(&session.basis.all) || !is_hash(&session.basis.fitted) {
+            // Of an earlier program.
+            session.basis = session.basis_of(folder).unwrap_or_default();
         }
         Ok(session)
     }
@@ -211,11 +271,94 @@ impl Session {
         })
     }
 
-    /// The data, their reading or the delivered model have changed: results and errors are of the past.
-    pub fn changed(&mut self) {
+    /// After a change of the data, their reading or the delivered model: the results and errors that belong to them are
+    /// in use, those of before are kept.
+    ///
+    /// # Errors
+    /// If a file cannot be read.
+    pub fn changed(&mut self, folder: &Path) -> miette::Result<()> {
+        let (before, now) = (self.basis.clone(), self.basis_of(folder)?);
+        if before == now {
+            return Ok(());
+        }
         self.generation += 1;
-        self.stages.clear();
-        self.versions.iter_mut().for_each(|v| v.errors = None);
+        for (stage, result) in std::mem::take(&mut self.stages) {
+            self.kept.insert(before.key(&stage), result);
+        }
+        for version in &mut self.versions {
+            version.known.extend(version.errors.take().map(|errors| (before.all.clone(), errors)));
+            version.errors = version.known.get(&now.all).cloned();
+        }
+        let known =
+            STAGES.iter().filter_map(|stage| Some((stage.to_string(), self.kept.get(&now.key(stage))?.clone())));
+        self.stages = known.collect();
+        self.basis = now;
+        Ok(())
+    }
+
+    fn basis_of(&mut self, folder: &Path) -> miette::Result<Basis> {
+        let hash = |file: &Path| {
+            let input = Input::of("", file).into_diagnostic();
+            input.map(|i| i.sha256).wrap_err_with(|| format!("{}: cannot be read", file.display()))
+        };
+        let mut all = Vec::new();
+        for recording in &mut self.recordings {
+            let file = folder.join(&recording.file);
+            if recording.sha256.is_empty() {
+                recording.sha256 = hash(&file)?;
+            }
+            let beside = setup::sidecar(&file);
+            let setup = if beside.is_file() { Some(hash(&beside)?) } else { None };
+            all.push((recording.held_out, recording.file.clone(), recording.sha256.clone(), setup));
+        }
+        all.sort();
+        let delivered = self.versions.first().map(|v| hash(&folder.join(&v.file)).map(|hash| (&v.file, hash)));
+        let delivered = delivered.transpose()?;
+        let of = |recordings: &[(bool, String, String, Option<String>)]| {
+            serde_json::to_string(&(recordings, &self.how, &delivered)).map(|text| sha256(&text)).into_diagnostic()
+        };
+        let fitted = all.iter().take_while(|(held_out, ..)| !held_out).count();
+        Ok(Basis { all: of(&all)?, fitted: of(&all[..fitted])? })
+    }
+
+    /// Makes `file` the first of the versions, with those that were made from it earlier.
+    pub fn begin_with(&mut self, file: &str, what: &str) {
+        if let Some(first) = self.versions.first() {
+            self.earlier.insert(first.file.clone(), std::mem::take(&mut self.versions));
+        }
+        let known = self.earlier.remove(file);
+        self.versions = known.unwrap_or_else(|| vec![Version::delivered(file, what)]);
+        self.current = Some(0);
+    }
+
+    /// Adds a recording; of those that are new the first is fitted to, the others judge.
+    pub fn add(&mut self, file: String) {
+        if self.recordings.iter().any(|r| r.file == file) {
+            return;
+        }
+        let some_fitted = self.recordings.iter().any(|r| !r.held_out);
+        let held_out = some_fitted && self.left_out.remove(&file).unwrap_or(true);
+        self.recordings.push(Recording { file, held_out, sha256: String::new() });
+    }
+
+    /// Takes recording `index` out.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn leave_out(&mut self, index: Option<usize>) -> miette::Result<()> {
+        let index =
+            index.filter(|k| *k < self.recordings.len()).ok_or_else(|| miette!("there is no such recording"))?;
+        let Recording { file, held_out, .. } = self.recordings.remove(index);
+        self.left_out.insert(file, held_out);
+        Ok(())
+    }
+
+    /// File of the result of `stage` as a part of a page; that of an earlier program has the name of the stage.
+    pub fn part(&self, folder: &Path, stage: &str) -> Option<PathBuf> {
+        self.stages.get(stage)?;
+        let stages = folder.join("stages");
+        let own = stages.join(format!("{}.html", self.basis.key(stage)));
+        Some(if own.is_file() { own } else { stages.join(format!("{stage}.html")) })
     }
 
     /// Versions from the first one to the one in use.
@@ -231,6 +374,17 @@ impl Session {
     }
 }
 
+/// Creates a folder of a session, and those that lead to it, for their owner alone.
+///
+/// # Errors
+/// The error of the operating system.
+pub(crate) fn private(folder: &Path) -> std::io::Result<()> {
+    let mut builder = std::fs::DirBuilder::new();
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder.recursive(true).create(folder)
+}
+
 /// Whether a path stays in the folder that it is relative to.
 fn inside(file: &str) -> bool {
     let path = Path::new(file);
@@ -242,7 +396,7 @@ mod tests {
     use super::*;
 
     fn version(parent: Option<usize>) -> Version {
-        Version { file: "models/a.toml".into(), what: "a".into(), parent, command: String::new(), errors: None }
+        Version { parent, ..Version::delivered("models/a.toml", "a") }
     }
 
     #[test]
@@ -250,7 +404,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut session =
             Session { versions: vec![version(None), version(Some(0))], current: Some(1), ..Session::default() };
-        session.recordings.push(Recording { file: "data/run.csv".into(), held_out: true });
+        session.recordings.push(Recording { file: "data/run.csv".into(), held_out: true, sha256: String::new() });
         session.how.maps.push("q1=a[deg]".into());
         session.write(folder.path()).unwrap();
         assert_eq!(Session::read(folder.path()).unwrap(), session);

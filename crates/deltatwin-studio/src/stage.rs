@@ -20,7 +20,7 @@ use miette::{IntoDiagnostic, miette};
 use serde_json::{Value, json};
 
 use crate::job::Job;
-use crate::session::{Errors, Remedy, Session, StageResult, Version};
+use crate::session::{Basis, Errors, Remedy, Session, StageResult, Version, private};
 use crate::studio::{Task, line};
 
 /// What a stage has found.
@@ -34,17 +34,18 @@ pub(crate) struct Outcome {
 }
 
 impl Outcome {
-    /// Writes the results and the new model into the folder.
+    /// Writes the results, which depend on `basis`, and the new model into the folder.
     ///
     /// # Errors
     /// If a file cannot be written.
-    pub fn write(&self, folder: &Path) -> miette::Result<()> {
+    pub fn write(&self, folder: &Path, basis: &Basis) -> miette::Result<()> {
         let stages = folder.join("stages");
-        std::fs::create_dir_all(&stages).into_diagnostic()?;
+        private(&stages).into_diagnostic()?;
         if let Some((model, provenance, version)) = &self.model {
             model::write_fitted(model, &folder.join(&version.file), provenance)?;
         }
         for (name, _, json, report) in &self.stages {
+            let name = basis.key(name);
             replace_text(&stages.join(format!("{name}.json")), &format!("{json:#}\n")).into_diagnostic()?;
             replace_text(&stages.join(format!("{name}.html")), report.fragment()).into_diagnostic()?;
         }
@@ -114,7 +115,7 @@ impl Task {
         let free = |file: &String| !self.folder.join(file).exists();
         let file = (self.session.versions.len()..).map(numbered).find(free).unwrap_or_else(|| numbered(0));
         let command = command(&file);
-        Version { file, what, parent: Some(self.version), command, errors: Some(errors) }
+        Version { parent: Some(self.version), command, errors: Some(errors), ..Version::delivered(&file, &what) }
     }
 
     fn provenance(&self, stage: &str, parameters: &[deltatwin::identification::Estimate]) -> Provenance {
@@ -151,7 +152,7 @@ pub(crate) fn check(task: &Task, job: &Job) -> miette::Result<Outcome> {
                 // One assignment for everything that is wrong with the recording.
                 GateRemedy::Map(own) => ("map", all.as_ref().map_or_else(|| own.join(", "), map_text)),
                 GateRemedy::PayloadMass(mass) => ("payload_mass", significant(*mass, 4)),
-                GateRemedy::Words(words) => ("words", words.to_string()),
+                GateRemedy::Payload(_) | GateRemedy::Words(_) => ("words", finding.remedy.to_string()),
             };
             remedies.push(Remedy { sentence, severe: finding.severe, kind: kind.into(), text });
         }
@@ -213,7 +214,9 @@ pub(crate) fn fit(task: &Task, job: &Job) -> miette::Result<Outcome> {
         significant(found.fitted.structure.condition(), 3)
     );
     let mut result = task.result(true, message, version.command.clone());
-    let json = found.json(Some(Path::new(&version.file)));
+    let mut json = found.json(Some(Path::new(&version.file)));
+    // The fit does not depend on what is held out; these errors are the version's.
+    json["held_out_rms"] = Value::Null;
     job.at(0.6, "where it fails");
     let next = task.session.versions.len();
     result.version = next;
@@ -283,6 +286,7 @@ pub(crate) fn diagnose(task: &Task, job: &Job) -> miette::Result<Outcome> {
     .into_diagnostic()?;
     stop(job)?;
     let mut files = Vec::new();
+    let next_file = format!("{}.toml", task.session.basis.key("next"));
     let mut report = Report::new("", "");
     page::headline(&mut report, &d);
     page::diagnosed(&mut report, &d);
@@ -294,10 +298,10 @@ pub(crate) fn diagnose(task: &Task, job: &Job) -> miette::Result<Outcome> {
     }) {
         let comments = [format!("Proposed by `deltatwin diagnose`, {}.", next.what)];
         let machine = task.folder.join(&task.session.versions[task.version].file);
-        write_experiment(&next.experiment, &comments, 1, (&task.model, &machine), &task.folder.join(NEXT))?;
-        files.push(NEXT.to_string());
+        write_experiment(&next.experiment, &comments, 1, (&task.model, &machine), &task.folder.join(&next_file))?;
+        files.push(next_file.clone());
     }
-    let more: &[&str] = if files.is_empty() { &[] } else { &["--next", NEXT] };
+    let more: &[&str] = if files.is_empty() { &[] } else { &["--next", &next_file] };
     let mut result = task.result(true, diagnosed::verdict(&d), task.command("diagnose", &[], more));
     result.named = d.effects.iter().map(|e| e.name.clone()).collect();
     result.files = files;
@@ -305,9 +309,6 @@ pub(crate) fn diagnose(task: &Task, job: &Job) -> miette::Result<Outcome> {
     let json = diagnosed::json(&d, None, scenario);
     Ok(Outcome { stages: vec![("why", result, json, report)], model: None, errors: Vec::new() })
 }
-
-/// Name of the scenario of the next experiment.
-const NEXT: &str = "next.toml";
 
 /// The effect added to the model in use, as a new version, and where that fails; a formula has the terms `laws`.
 pub(crate) fn add(task: &Task, job: &Job, effect: &str, laws: &[String]) -> miette::Result<Outcome> {

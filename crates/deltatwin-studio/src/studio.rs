@@ -1,5 +1,6 @@
 //! A session that is worked on: its state, the work that goes on, and the data in memory.
 
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -7,12 +8,13 @@ use deltatwin::machine::Mechanism;
 use deltatwin::model::Model;
 use deltatwin_analysis::Data;
 use deltatwin_analysis::page::quoted;
-use deltatwin_io::{file, model};
+use deltatwin_io::model;
 use miette::{IntoDiagnostic, miette};
 use serde_json::Value;
 
+use crate::claim::Claim;
 use crate::job::Job;
-use crate::session::{How, Recording, Session, Version};
+use crate::session::{How, Session, private};
 use crate::stage::{self, Outcome};
 use crate::upload::{self, Kept};
 
@@ -29,9 +31,10 @@ pub const SHIPPED: [(&str, &str); 9] = [
     ("servo-axis.toml", include_str!("../../../models/servo-axis.toml")),
 ];
 
-/// A session in a folder.
+/// A session in a folder, which no other process has open.
 pub struct Studio {
     folder: PathBuf,
+    claim: Claim,
     inner: Mutex<Inner>,
 }
 
@@ -86,19 +89,28 @@ impl Studio {
     /// The session of `folder`, which is created if it does not exist.
     ///
     /// # Errors
-    /// If the folder cannot be created, or holds a session that cannot be read.
+    /// If the folder cannot be created, is open in another studio, or holds a session that cannot be read.
     pub fn open(folder: &Path) -> miette::Result<Self> {
-        std::fs::create_dir_all(folder).into_diagnostic()?;
+        private(folder).into_diagnostic()?;
         let folder = folder.canonicalize().into_diagnostic()?;
+        let claim = Claim::take(&folder)?;
         let session = Session::read(&folder)?;
         upload::clean(&folder);
         let inner = Inner { session, job: None, revision: 1, message: String::new(), shown: None, data: None };
-        Ok(Self { folder, inner: Mutex::new(inner) })
+        Ok(Self { folder, claim, inner: Mutex::new(inner) })
     }
 
     /// Folder of the session.
     pub fn folder(&self) -> &Path {
         &self.folder
+    }
+
+    /// Notes where this studio answers, for whoever opens the folder meanwhile.
+    ///
+    /// # Errors
+    /// If that cannot be written.
+    pub(crate) fn note(&self, address: SocketAddr) -> miette::Result<()> {
+        self.claim.note(address).into_diagnostic()
     }
 
     /// The state; what a thread that failed has left is as good as any.
@@ -123,7 +135,7 @@ impl Studio {
     /// # Errors
     /// As for [`upload::keep`], or if something else is being worked on.
     pub(crate) fn take(&self, name: &str, source: &mut dyn std::io::Read) -> miette::Result<Kept> {
-        self.add(upload::keep(&self.folder, name, source)?)
+        self.add(upload::keep(&self.folder, name, source)?, "uploaded")
     }
 
     /// Keeps the files of a bag that came in.
@@ -136,25 +148,18 @@ impl Studio {
         parts: &[(String, u64)],
         source: &mut dyn std::io::Read,
     ) -> miette::Result<Kept> {
-        self.add(upload::keep_bag(&self.folder, name, parts, source)?)
+        self.add(upload::keep_bag(&self.folder, name, parts, source)?, "uploaded")
     }
 
-    /// Adds a file that was kept to the session.
-    fn add(&self, kept: Kept) -> miette::Result<Kept> {
+    /// Adds a file that was kept to the session; a model is called `what`.
+    fn add(&self, kept: Kept, what: &str) -> miette::Result<Kept> {
         self.change(|session| {
             match &kept {
-                Kept::Recording(file) => {
-                    if !session.recordings.iter().any(|r| r.file == *file) {
-                        // The first is fitted to, the others judge.
-                        let held_out = session.recordings.iter().any(|r| !r.held_out);
-                        session.recordings.push(Recording { file: file.clone(), held_out });
-                    }
-                }
-                Kept::Model(file) => begin_with(session, file, "uploaded"),
+                Kept::Recording(file) => session.add(file.clone()),
+                Kept::Model(file) => session.begin_with(file, what),
                 Kept::Setup(_) => {}
             }
-            session.changed();
-            Ok(())
+            session.changed(&self.folder)
         })?;
         Ok(kept)
     }
@@ -177,34 +182,24 @@ impl Studio {
                 let recording = index("recording").and_then(|k| s.recordings.get_mut(k));
                 let recording = recording.ok_or_else(|| miette!("there is no such recording"))?;
                 recording.held_out = !recording.held_out;
-                s.changed();
-                Ok(())
+                s.changed(&self.folder)
             }),
             "leave_out" => self.idle()?.change(|s| {
-                let k = index("recording").filter(|k| *k < s.recordings.len());
-                s.recordings.remove(k.ok_or_else(|| miette!("there is no such recording"))?);
-                s.changed();
-                Ok(())
+                s.leave_out(index("recording"))?;
+                s.changed(&self.folder)
             }),
             "shipped" => {
                 let found = SHIPPED.iter().find(|(name, _)| *name == text("model"));
                 let (name, content) = found.ok_or_else(|| miette!("there is no model of this name"))?;
-                self.idle()?;
-                let file = format!("models/{name}");
-                std::fs::create_dir_all(self.folder.join("models")).into_diagnostic()?;
-                file::replace_text(&self.folder.join(&file), content).into_diagnostic()?;
-                self.change(|s| {
-                    begin_with(s, &file, "shipped");
-                    s.changed();
-                    Ok(())
-                })
+                let kept = upload::keep(&self.idle()?.folder, name, &mut content.as_bytes())?;
+                self.add(kept, "shipped").map(drop)
             }
             "read" => {
                 let how: How = serde_json::from_value(request["how"].clone()).into_diagnostic()?;
                 self.idle()?.change(|s| {
                     s.how = how;
-                    s.changed();
-                    s.inputs(Path::new("")).map(drop)
+                    s.inputs(Path::new(""))?;
+                    s.changed(&self.folder)
                 })
             }
             "version" => self.idle()?.change(|s| {
@@ -304,7 +299,8 @@ impl Studio {
             if self.lock().session.generation != generation {
                 return Err(miette!("the data have changed while {} was running", job.stage));
             }
-            outcome.write(&self.folder)?;
+            let basis = self.lock().session.basis.clone();
+            outcome.write(&self.folder, &basis)?;
             self.change(|session| {
                 outcome.apply(session);
                 Ok(())
@@ -342,13 +338,6 @@ impl Studio {
         };
         Ok(Task { session, folder: self.folder.clone(), model, version, data })
     }
-}
-
-/// Makes `file` the first of the versions.
-fn begin_with(session: &mut Session, file: &str, what: &str) {
-    session.versions =
-        vec![Version { file: file.into(), what: what.into(), parent: None, command: String::new(), errors: None }];
-    session.current = Some(0);
 }
 
 /// A command line from its words.

@@ -9,6 +9,8 @@ use deltatwin_io::recording::{self, Reading};
 use deltatwin_io::{file, model};
 use miette::{IntoDiagnostic, miette};
 
+use crate::session::private;
+
 /// Largest size of a file, bytes.
 pub const MOST_BYTES: u64 = 512 << 20;
 
@@ -56,7 +58,7 @@ pub fn keep(folder: &Path, name: &str, source: &mut dyn Read) -> miette::Result<
     let place = if is_toml && !is_setup { "models" } else { "data" };
     // It is judged under its own ending, in a folder of its own that goes away with it.
     let trial = folder.join(format!("{INCOMING}{}", unique()?));
-    std::fs::create_dir_all(&trial).into_diagnostic()?;
+    private(&trial).into_diagnostic()?;
     let trial_file = trial.join(&safe);
     let kept = receive(&trial_file, &safe, source).and_then(|()| judge(&trial_file, &safe));
     let result = kept.and_then(|found| place_of(folder, place, &safe, &trial_file).map(found));
@@ -84,7 +86,7 @@ pub fn keep_bag(folder: &Path, name: &str, parts: &[(String, u64)], source: &mut
     }
     let trial = folder.join(format!("{INCOMING}{}", unique()?));
     let bag = trial.join(&safe);
-    std::fs::create_dir_all(&bag).into_diagnostic()?;
+    private(&bag).into_diagnostic()?;
     let received = parts.iter().try_for_each(|(part, size)| receive(&bag.join(part), part, &mut source.take(*size)));
     let renamed = |e: recording::ReadError| miette!("{}", e.to_string().replace(&bag.display().to_string(), &safe));
     let judged = received.and_then(|()| recording::read(&bag, None).map(drop).map_err(renamed));
@@ -157,7 +159,7 @@ fn chain(error: &miette::Report) -> String {
 /// Moves the file into its place, under another name if there is another file of that name; returns it relative to
 /// `folder`.
 fn place_of(folder: &Path, place: &str, name: &str, from: &Path) -> miette::Result<String> {
-    std::fs::create_dir_all(folder.join(place)).into_diagnostic()?;
+    private(&folder.join(place)).into_diagnostic()?;
     let (stem, ending) = match name.split_once('.') {
         Some((stem, ending)) => (stem.to_string(), format!(".{ending}")),
         None => (name.to_string(), String::new()),

@@ -17,19 +17,23 @@ use serde_json::{Value, json};
 use crate::session::Session;
 use crate::studio::{SHIPPED, Studio};
 
-/// Names of the stages in order.
-pub const STAGES: [&str; 5] = ["check", "fit", "where", "why", "add"];
-
 /// The state of the session.
 pub(crate) fn state(studio: &Studio) -> Value {
     let inner = studio.lock();
-    let session = &inner.session;
+    let mut session = json!(inner.session);
+    // What is kept of other inputs grows, and no window shows it.
+    for apart in ["kept", "earlier", "left_out"] {
+        session[apart].take();
+    }
+    for version in session["versions"].as_array_mut().into_iter().flatten() {
+        version["known"].take();
+    }
     json!({
         "revision": inner.revision,
         "message": inner.message,
         "job": inner.job.as_ref().map(|job| job.json()),
         "session": session,
-        "chain": session.chain(),
+        "chain": inner.session.chain(),
         "shipped": SHIPPED.iter().map(|(name, _)| name).collect::<Vec<_>>(),
         "effects": REGISTRY.iter().map(|e| e.name()).collect::<Vec<_>>(),
         "folder": studio.folder().display().to_string(),
@@ -101,6 +105,9 @@ fn channels(recording: &deltatwin::recording::Recording) -> Value {
     angles.chain(torques).collect()
 }
 
+/// Longest law that is looked at while it is typed, bytes.
+const LONGEST_LAW: usize = 4096;
+
 /// What is to be said about a typed law: the unit of its coefficient, or what is wrong and where (characters from, to).
 pub(crate) fn formula(studio: &Studio, at: &str, law: &str) -> Value {
     let session = studio.lock().session.clone();
@@ -110,6 +117,10 @@ pub(crate) fn formula(studio: &Studio, at: &str, law: &str) -> Value {
     let variables: Vec<&str> =
         Variable::names().filter(|name| Variable::named(name).is_some_and(|v| v.exists_on(machine))).collect();
     let known = json!({"places": places, "variables": variables});
+    if law.len() > LONGEST_LAW {
+        let problem = format!("is longer than {LONGEST_LAW} bytes; expected a shorter law");
+        return json!({"problem": problem, "from": 0, "to": 0, "known": known});
+    }
     let mut answer = match law::checked(machine, at, law) {
         Ok((_, _, unit)) => json!({"unit": unit.to_string()}),
         Err(e) => {
@@ -178,8 +189,8 @@ pub(crate) fn save(folder: &Path, session: &Session) -> miette::Result<()> {
         let Some(result) = session.stages.get(stage) else { continue };
         page.heading(title);
         page.callout(if result.good { Callout::Note } else { Callout::Bad }, &result.message);
-        let fragment = std::fs::read_to_string(folder.join("stages").join(format!("{stage}.html"))).unwrap_or_default();
-        page.fragment_of(&fragment);
+        let part = session.part(folder, stage).and_then(|file| std::fs::read_to_string(file).ok());
+        page.fragment_of(&part.unwrap_or_default());
     }
     page.heading("The same on the command line");
     let mut commands: Vec<String> = session.stages.get("check").map(|c| c.command.clone()).into_iter().collect();

@@ -17,6 +17,7 @@ use tokio_util::io::ReaderStream;
 
 use crate::http::{BYTES, HTML, JAVASCRIPT, refusal, within};
 use crate::server::{Answer, answer, streamed};
+use crate::session::private;
 use crate::studio::{Shown, Task, line};
 
 /// The file that is shown, in the folder of the session.
@@ -92,7 +93,7 @@ pub(crate) fn write(task: &Task, index: Option<usize>) -> miette::Result<Shown> 
     };
     let path = task.folder.join(FILE);
     if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(|e| miette!("{}: {e}", folder.display()))?;
+        private(folder).map_err(|e| miette!("{}: {e}", folder.display()))?;
     }
     Replay { recording: &recording, contacts: &contacts, model, beside, access: Access::PROJECT }.write(&path)?;
     let mut words = vec!["deltatwin", "replay", named.as_str(), "--model", parent.unwrap_or(&version.file)];

@@ -11,7 +11,7 @@ use deltatwin::machine::{ARMS, Geometry, STRUTS};
 use deltatwin::twin::Frame;
 use deltatwin_io::outside::Access;
 use deltatwin_io::{model, scenario};
-use deltatwin_study::run::{Case, Keep, Outcome, run};
+use deltatwin_study::run::{AFTER_LANDING, Case, Keep, Outcome, run};
 use miette::{IntoDiagnostic, Result, miette};
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -119,7 +119,9 @@ fn main() -> Result<()> {
         let scenario = scenario::read_with(&file, Access::with(deltatwin_cell::mesh::read))?;
         let controller_model = scenario.controller_model.as_deref().map(model::read).transpose()?;
         let base = file.parent().unwrap_or(Path::new(".")).to_path_buf();
-        let case = Case { model: model::read(&scenario.model)?, controller_model, scenario, base };
+        let model = model::read(&scenario.model)?;
+        let case =
+            Case { nominal: model.sockets, model, controller_model, scenario, base, after_landing: AFTER_LANDING };
         let outcome = run(&case, Keep::Recording).into_diagnostic()?;
         let verdict = &outcome.verdict;
         let picks = verdict.picks_per_minute().map_or(String::new(), |p| format!(", {p:.1} picks per minute"));

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use deltatwin_io::outside::Access;
 use deltatwin_io::{model, scenario};
-use deltatwin_study::run::{Case, Keep, run};
+use deltatwin_study::run::{AFTER_LANDING, Case, Keep, run};
 use miette::{IntoDiagnostic, Result};
 
 fn main() -> Result<()> {
@@ -15,7 +15,9 @@ fn main() -> Result<()> {
         let scenario = scenario::read_with(&file, Access::with(deltatwin_cell::mesh::read))?;
         let controller_model = scenario.controller_model.as_deref().map(model::read).transpose()?;
         let base = file.parent().unwrap_or(Path::new(".")).to_path_buf();
-        let case = Case { model: model::read(&scenario.model)?, controller_model, scenario, base };
+        let model = model::read(&scenario.model)?;
+        let case =
+            Case { nominal: model.sockets, model, controller_model, scenario, base, after_landing: AFTER_LANDING };
         let start = Instant::now();
         let outcome = run(&case, Keep::Nothing).into_diagnostic()?;
         let (wall, verdict) = (start.elapsed().as_secs_f64(), outcome.verdict);

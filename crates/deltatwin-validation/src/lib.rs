@@ -2,4 +2,5 @@
 
 pub mod demo;
 pub mod exam;
+#[cfg(feature = "reproduce")]
 pub mod reproduce;

@@ -1,20 +1,23 @@
-//! Samples of a file that grows: CSV with the columns of a recording, or MCAP.
+//! Samples of a file that grows or of a pipe: CSV with the columns of a recording, or MCAP.
 
-use std::fs::File;
-use std::io::{Read, Seek};
+use std::fs::{File, OpenOptions};
+use std::io::{ErrorKind, Read, Seek};
 use std::path::{Path, PathBuf};
 
 use deltatwin::machine::AXES;
-use deltatwin::monitoring::Sample;
-use deltatwin_io::recording::{JointSample, Tail};
+use deltatwin_io::recording::{JointSample, Tail, begins_mcap};
 use thiserror::Error;
 
+use crate::stamped::{Stamped, nanoseconds};
+
 /// Most bytes read at once.
-const PIECE: u64 = 4 << 20;
+const PIECE: usize = 4 << 20;
+/// Bytes asked for at a time.
+const BLOCK: usize = 1 << 16;
 /// Longest line of a CSV file, bytes.
 const LINE: usize = 1 << 20;
-/// First bytes of an MCAP file.
-const MCAP: &[u8] = b"\x89MCAP0\r\n";
+/// Number of bytes that show which format a file has.
+const START: usize = 8;
 
 /// Reason why a file cannot be followed.
 #[derive(Debug, Error)]
@@ -63,12 +66,16 @@ struct Csv {
 }
 
 impl Follower {
-    /// Opens the file of a machine with `axes` axes, from its beginning.
+    /// Opens the file of a machine with `axes` axes, from its beginning; a pipe without waiting for its other end.
     ///
     /// # Errors
     /// If it cannot be opened.
     pub fn open(path: &Path, axes: usize) -> Result<Self, FollowError> {
-        let file = File::open(path).map_err(|reason| FollowError::Io { file: path.into(), reason })?;
+        let mut options = OpenOptions::new();
+        options.read(true);
+        #[cfg(unix)]
+        std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, rustix::fs::OFlags::NONBLOCK.bits() as i32);
+        let file = options.open(path).map_err(|reason| FollowError::Io { file: path.into(), reason })?;
         let content = Content::Unknown(Vec::new());
         Ok(Self { path: path.into(), file, axes, read: 0, content, faults: Vec::new() })
     }
@@ -76,17 +83,17 @@ impl Follower {
     /// Samples written since the last call, at most some megabytes of them; empty if there are none.
     ///
     /// # Errors
-    /// If the file cannot be read, is no recording, or is damaged.
-    pub fn poll(&mut self) -> Result<Vec<Sample>, FollowError> {
+    /// If the file cannot be read or is not a recording.
+    pub fn poll(&mut self) -> Result<Vec<Stamped>, FollowError> {
         let io = |reason| FollowError::Io { file: self.path.clone(), reason };
-        if self.file.metadata().map_err(io)?.len() < self.read {
+        let metadata = self.file.metadata().map_err(io)?;
+        if metadata.is_file() && metadata.len() < self.read {
             // Written anew.
             self.file.rewind().map_err(io)?;
             (self.read, self.content) = (0, Content::Unknown(Vec::new()));
         }
-        let mut bytes = Vec::new();
-        let read = (&mut self.file).take(PIECE).read_to_end(&mut bytes).map_err(io)?;
-        self.read += read as u64;
+        let bytes = available(&mut self.file).map_err(io)?;
+        self.read += bytes.len() as u64;
         self.feed(&bytes).map_err(|problem| FollowError::Content { file: self.path.clone(), problem })
     }
 
@@ -95,40 +102,66 @@ impl Follower {
         matches!(&self.content, Content::Mcap(tail) if tail.has_ended())
     }
 
-    /// Faults since the last call: lines that were left out, and why.
+    /// Faults since the last call: what was left out, and why.
     pub fn faults(&mut self) -> Vec<String> {
-        std::mem::take(&mut self.faults)
+        let mut faults = std::mem::take(&mut self.faults);
+        if let Content::Mcap(tail) = &mut self.content {
+            faults.extend(tail.faults());
+        }
+        faults
     }
 
-    fn feed(&mut self, bytes: &[u8]) -> Result<Vec<Sample>, String> {
+    fn feed(&mut self, bytes: &[u8]) -> Result<Vec<Stamped>, String> {
         if let Content::Unknown(start) = &mut self.content {
             start.extend(bytes);
-            if start.len() < MCAP.len() {
+            if start.len() < START {
                 return Ok(Vec::new());
             }
             let start = std::mem::take(start);
-            let is_bag = start.starts_with(MCAP);
-            self.content =
-                if is_bag { Content::Mcap(Box::new(Tail::new(self.axes))) } else { Content::Csv(Csv::default()) };
-            return self.feed(&start);
+            if !begins_mcap(&start) {
+                self.content = Content::Csv(Csv::default());
+                return self.feed(&start);
+            }
+            let mut tail = Tail::new(self.axes);
+            if let Some(file) = File::open(&self.path).ok().filter(|f| f.metadata().is_ok_and(|m| m.is_file())) {
+                tail.definitions(file);
+            }
+            self.content = Content::Mcap(Box::new(tail));
+            return self.feed(&start[START..]);
         }
         match &mut self.content {
-            Content::Mcap(tail) => Ok(tail.feed(bytes)?.iter().filter_map(sample).collect()),
+            Content::Mcap(tail) => Ok(tail.feed(bytes).iter().filter_map(sample).collect()),
             Content::Csv(csv) => csv.feed(bytes, self.axes, &mut self.faults),
             Content::Unknown(_) => Ok(Vec::new()),
         }
     }
 }
 
+/// The bytes that are there now, at most [`PIECE`].
+fn available(file: &mut File) -> std::io::Result<Vec<u8>> {
+    let (mut out, mut block) = (Vec::new(), vec![0; BLOCK]);
+    while out.len() < PIECE {
+        match file.read(&mut block) {
+            Ok(0) => break,
+            Ok(count) => out.extend(&block[..count]),
+            // A pipe that is empty.
+            Err(e) if e.kind() == ErrorKind::WouldBlock => break,
+            Err(e) if e.kind() == ErrorKind::Interrupted => {}
+            Err(e) => return Err(e),
+        }
+    }
+    Ok(out)
+}
+
 /// A sample of a bag; `None` if a value is not finite.
-fn sample(joints: &JointSample) -> Option<Sample> {
+fn sample(joints: &JointSample) -> Option<Stamped> {
     let all = |values: &[f64]| -> [f64; AXES] { std::array::from_fn(|i| values.get(i).copied().unwrap_or(0.0)) };
-    let finite = joints.q.iter().chain(&joints.tau).chain([&joints.t]).all(|x| x.is_finite());
-    finite.then(|| Sample { t: joints.t, q: all(&joints.q), tau: all(&joints.tau) })
+    let finite = joints.q.iter().chain(&joints.tau).all(|x| x.is_finite());
+    finite.then(|| Stamped { time: joints.time, q: all(&joints.q), tau: all(&joints.tau) })
 }
 
 impl Csv {
-    fn feed(&mut self, bytes: &[u8], axes: usize, faults: &mut Vec<String>) -> Result<Vec<Sample>, String> {
+    fn feed(&mut self, bytes: &[u8], axes: usize, faults: &mut Vec<String>) -> Result<Vec<Stamped>, String> {
         self.partial.extend(bytes);
         let mut found = Vec::new();
         let partial = std::mem::take(&mut self.partial);
@@ -172,16 +205,20 @@ fn header(line: &str, axes: usize) -> Result<(char, Vec<usize>), String> {
     Ok((separator, wanted.map(place).collect::<Result<_, _>>()?))
 }
 
-fn row(line: &str, separator: char, places: &[usize], axes: usize) -> Result<Sample, String> {
+fn row(line: &str, separator: char, places: &[usize], axes: usize) -> Result<Stamped, String> {
     let cells: Vec<&str> = line.split(separator).map(str::trim).collect();
+    let cell = |place: &usize| cells.get(*place).ok_or_else(|| format!("has {} values", cells.len()));
     let value = |place: &usize| {
-        let cell = cells.get(*place).ok_or_else(|| format!("has {} values", cells.len()))?;
+        let cell = cell(place)?;
         let number = cell.parse::<f64>().ok().filter(|x| x.is_finite());
-        number.ok_or_else(|| format!("`{cell}` is no number"))
+        number.ok_or_else(|| format!("`{cell}` is not a number"))
     };
+    let (time, places) = places.split_first().ok_or("has no columns")?;
+    let time = cell(time)?;
+    let time = nanoseconds(time).ok_or_else(|| format!("`{time}` is not a time in s"))?;
     let values: Vec<f64> = places.iter().map(value).collect::<Result<_, String>>()?;
     let all = |first: usize| -> [f64; AXES] { std::array::from_fn(|i| if i < axes { values[first + i] } else { 0.0 }) };
-    Ok(Sample { t: values[0], q: all(1), tau: all(1 + axes) })
+    Ok(Stamped { time, q: all(0), tau: all(axes) })
 }
 
 #[cfg(test)]
@@ -197,12 +234,13 @@ mod tests {
         let mut follower = Follower::open(&path, 1).unwrap();
         assert!(follower.poll().unwrap().is_empty());
         write!(out, "tau1,t,q1\n1.5,0.0,0.1\n2.5,0.").unwrap();
-        let expected = |t, q, tau| Sample { t, q: [q, 0.0, 0.0, 0.0], tau: [tau, 0.0, 0.0, 0.0] };
+        let expected =
+            |t: f64, q, tau| Stamped { time: (t * 1e9) as i64, q: [q, 0.0, 0.0, 0.0], tau: [tau, 0.0, 0.0, 0.0] };
         assert_eq!(follower.poll().unwrap(), [expected(0.0, 0.1, 1.5)]);
         assert!(follower.poll().unwrap().is_empty());
         write!(out, "01,0.2\nx,0.02,0.3\n1\n3.5,0.03,0.4\n").unwrap();
         assert_eq!(follower.poll().unwrap(), [expected(0.01, 0.2, 2.5), expected(0.03, 0.4, 3.5)]);
-        assert_eq!(follower.faults(), ["line 4: `x` is no number; left out", "line 5: has 1 values; left out"]);
+        assert_eq!(follower.faults(), ["line 4: `x` is not a number; left out", "line 5: has 1 values; left out"]);
         // Written anew, with another order of columns.
         std::fs::write(&path, "t;q1;tau1\n5;6;7\n").unwrap();
         assert_eq!(follower.poll().unwrap(), [expected(5.0, 6.0, 7.0)]);
@@ -218,7 +256,6 @@ mod tests {
         };
         assert!(refused(b"time,q1\n1,2\n").contains("has no column `t`; expected t, q1…q4"));
         assert!(refused(&vec![b'x'; 2 * LINE]).contains("longer than"));
-        assert!(refused(&[MCAP, &[7; 100]].concat()).contains("a.csv"));
         assert!(matches!(Follower::open(&folder.path().join("none"), 4), Err(FollowError::Io { .. })));
     }
 }

@@ -3,19 +3,24 @@
 use deltatwin::machine::AXES;
 use deltatwin::monitoring::Sample;
 use serde::Deserialize;
+use serde_json::value::RawValue;
 use serde_json::{Value, json};
 use thiserror::Error;
 
+use crate::stamped::{Stamped, nanoseconds};
+
 /// Largest number of samples in a message.
 pub const MOST: usize = 100_000;
-/// Largest magnitudes of time, s (thirty years on either side of 1970 or of the start), angle and torque.
-const LARGEST: [f64; 3] = [4e9, 1e6, 1e9];
+/// Largest magnitudes of angle and torque.
+const LARGEST: [f64; 2] = [1e6, 1e9];
+/// Number of characters of a time that is not usable that are quoted.
+const QUOTED: usize = 40;
 
 /// Content of a message.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Message {
     /// Samples, in the order of the message.
-    Samples(Vec<Sample>),
+    Samples(Vec<Stamped>),
     /// No more samples follow: `{"end": true}`.
     End,
 }
@@ -28,14 +33,6 @@ pub struct Unusable {
     axes: usize,
 }
 
-/// One value or a list of them.
-#[derive(Deserialize)]
-#[serde(untagged)]
-enum Times {
-    One(f64),
-    Many(Vec<f64>),
-}
-
 /// One row or a list of rows.
 #[derive(Deserialize)]
 #[serde(untagged)]
@@ -45,10 +42,12 @@ enum Rows {
 }
 
 #[derive(Deserialize)]
-struct Raw {
+struct Raw<'a> {
     #[serde(default)]
     end: bool,
-    t: Option<Times>,
+    /// One time or a list of them, as text: a number would lose digits.
+    #[serde(borrow)]
+    t: Option<&'a RawValue>,
     q: Option<Rows>,
     tau: Option<Rows>,
 }
@@ -73,21 +72,22 @@ pub fn parse(payload: &[u8], axes: usize) -> Result<Message, Unusable> {
         return Ok(Message::End);
     }
     let missing = |name: &str| unusable(format!("`{name}` is missing"));
-    let times = match raw.t.ok_or_else(|| missing("t"))? {
-        Times::One(t) => vec![t],
-        Times::Many(t) => t,
+    let t = raw.t.ok_or_else(|| missing("t"))?;
+    let times = if t.get().starts_with('[') {
+        serde_json::from_str::<Vec<&RawValue>>(t.get()).map_err(|e| unusable(e.to_string()))?
+    } else {
+        vec![t]
     };
     let (q, tau) = (raw.q.ok_or_else(|| missing("q"))?.list(), raw.tau.ok_or_else(|| missing("tau"))?.list());
     if q.len() != times.len() || tau.len() != times.len() || times.len() > MOST {
         let counts = format!("{} times, {} rows `q` and {} rows `tau`", times.len(), q.len(), tau.len());
         return Err(unusable(format!("has {counts}, which should be as many, at most {MOST}")));
     }
-    let sample = |(k, t): (usize, f64)| {
+    let sample = |(k, t): (usize, &RawValue)| {
         let row = |name: &str, row: &[f64], largest: f64| checked(name, row, axes, largest).map_err(unusable);
-        if !(t.is_finite() && t.abs() <= LARGEST[0]) {
-            return Err(unusable(format!("`t` is {t}")));
-        }
-        Ok(Sample { t, q: row("q", &q[k], LARGEST[1])?, tau: row("tau", &tau[k], LARGEST[2])? })
+        let time = nanoseconds(t.get());
+        let time = time.ok_or_else(|| unusable(format!("`t` is {}", t.get().chars().take(QUOTED).collect::<String>())));
+        Ok(Stamped { time: time?, q: row("q", &q[k], LARGEST[0])?, tau: row("tau", &tau[k], LARGEST[1])? })
     };
     times.into_iter().enumerate().map(sample).collect::<Result<_, _>>().map(Message::Samples)
 }
@@ -127,16 +127,16 @@ mod tests {
     fn what_is_written_is_read() {
         let samples: Vec<Sample> = (0..50).map(|k| sample(4e-4 * f64::from(k))).collect();
         let text = batch(&samples, 4).to_string();
-        assert_eq!(parse(text.as_bytes(), 4), Ok(Message::Samples(samples)));
+        let stamped = |s: &Sample| Stamped { time: (s.t * 1e9).round() as i64, q: s.q, tau: s.tau };
+        assert_eq!(parse(text.as_bytes(), 4), Ok(Message::Samples(samples.iter().map(stamped).collect())));
         let one = br#"{"t": 1.5, "q": [1, 2, 3, 4], "tau": [5, 6, 7, 8], "robot": "left"}"#;
-        let expected = Sample { t: 1.5, q: [1.0, 2.0, 3.0, 4.0], tau: [5.0, 6.0, 7.0, 8.0] };
+        let expected = Stamped { time: 1_500_000_000, q: [1.0, 2.0, 3.0, 4.0], tau: [5.0, 6.0, 7.0, 8.0] };
         assert_eq!(parse(one, 4), Ok(Message::Samples(vec![expected])));
         assert_eq!(parse(end().to_string().as_bytes(), 4), Ok(Message::End));
-        let lone = parse(br#"{"t": [1], "q": [[2]], "tau": [[3]]}"#, 1);
-        assert_eq!(
-            lone,
-            Ok(Message::Samples(vec![Sample { t: 1.0, q: [2.0, 0.0, 0.0, 0.0], tau: [3.0, 0.0, 0.0, 0.0] }]))
-        );
+        let lone = parse(br#"{"t": [ 1795510000.000400001 ], "q": [[2]], "tau": [[3]]}"#, 1);
+        let time = 1_795_510_000_000_400_001;
+        let expected = Stamped { time, q: [2.0, 0.0, 0.0, 0.0], tau: [3.0, 0.0, 0.0, 0.0] };
+        assert_eq!(lone, Ok(Message::Samples(vec![expected])));
     }
 
     #[test]
@@ -149,6 +149,7 @@ mod tests {
         );
         assert!(why(r#"{"t": 1, "q": [1,2,3], "tau": [1,2,3,4]}"#).starts_with("`q` has 3 values"));
         assert!(why(r#"{"t": [1, 2], "q": [[1,2,3,4]], "tau": [[1,2,3,4]]}"#).contains("2 times, 1 rows `q`"));
+        assert!(why(r#"{"t": "1", "q": [1,2,3,4], "tau": [1,2,3,4]}"#).contains("`t` is \"1\""));
         assert!(why(r#"{"t": 1e300, "q": [1,2,3,4], "tau": [1,2,3,4]}"#).contains("`t` is 1"));
         assert!(why(r#"{"t": 1, "q": [1,2,3,1e7], "tau": [1,2,3,4]}"#).contains("`q` has the value 10000000"));
         assert!(why(&format!("{}1{}", "[".repeat(100_000), "]".repeat(100_000))).contains("expected"));

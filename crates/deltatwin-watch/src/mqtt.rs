@@ -12,8 +12,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use rumqttc::{Client, Connection, Event, MqttOptions, Packet, PublishOptions, QoS};
+use rumqttc::{
+    Client, ConnectReturnCode, Connection, ConnectionError, Event, MqttOptions, Packet, PublishOptions, QoS,
+    TlsConfiguration, TlsError, Transport,
+};
 use thiserror::Error;
+
+use crate::broker::{Broker, Login};
 
 /// Age of the messages that are sent again after a reconnection.
 pub const REPEATED: Duration = Duration::from_secs(3);
@@ -27,15 +32,10 @@ const KEEP_ALIVE: u16 = 15;
 const LARGEST: usize = 268_435_455;
 /// Time in which what was published must reach the broker at the end.
 const FAREWELL: Duration = Duration::from_secs(10);
-/// Default port.
-const PORT: u16 = 1883;
 
 /// Reason why there is no connection.
 #[derive(Debug, Error)]
 pub enum MqttError {
-    /// Not the address of a broker.
-    #[error("{0}: is no address of a broker; expected mqtt://HOST, mqtt://HOST:PORT or mqtt://USER:PASSWORD@HOST:PORT")]
-    Address(String),
     /// Topic that cannot be used.
     #[error("topic `{0}`: is empty, too long or has wildcards; expected a name such as robot/joints")]
     Topic(String),
@@ -47,51 +47,26 @@ pub enum MqttError {
         /// Last error.
         reason: String,
     },
+    /// The broker refuses user and password.
+    #[error(
+        "{0}: the broker refuses the login; expected user and password in DELTATWIN_MQTT_USER and \
+         DELTATWIN_MQTT_PASSWORD or in the file of --mqtt-login"
+    )]
+    Login(String),
+    /// The broker is not the one that was meant.
+    #[error(
+        "{address}: the certificate of the broker is not accepted ({reason}); expected one for this host, signed by an \
+         authority in the file of --ca, without it by one that this system trusts"
+    )]
+    Certificate {
+        /// Address.
+        address: String,
+        /// What is wrong with the certificate.
+        reason: String,
+    },
     /// The connection has ended.
     #[error("the connection to the broker has ended")]
     Ended,
-}
-
-/// Address of a broker.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Address {
-    /// Host name or IP address.
-    pub host: String,
-    /// TCP port.
-    pub port: u16,
-    credentials: Option<(String, String)>,
-}
-
-impl std::str::FromStr for Address {
-    type Err = MqttError;
-
-    fn from_str(text: &str) -> Result<Self, MqttError> {
-        let wrong = || MqttError::Address(text.into());
-        let rest = text.strip_prefix("mqtt://").ok_or_else(wrong)?.trim_end_matches('/');
-        let (credentials, place) = match rest.rsplit_once('@') {
-            Some((who, place)) => {
-                let (user, password) = who.split_once(':').unwrap_or((who, ""));
-                (Some((user.to_string(), password.to_string())), place)
-            }
-            None => (None, rest),
-        };
-        // The colons of an IPv6 address stand in brackets.
-        let (host, port) = match place.rsplit_once(':') {
-            Some((host, port)) if !port.contains(']') => (host, port.parse().map_err(|_| wrong())?),
-            _ => (place, PORT),
-        };
-        let host = host.trim_start_matches('[').trim_end_matches(']');
-        if host.is_empty() || host.contains(['/', ' ']) {
-            return Err(wrong());
-        }
-        Ok(Self { host: host.into(), port, credentials })
-    }
-}
-
-impl std::fmt::Display for Address {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "mqtt://{}:{}", self.host, self.port)
-    }
 }
 
 /// What a connection reports.
@@ -99,10 +74,49 @@ impl std::fmt::Display for Address {
 pub enum Report {
     /// Payload of a message of the subscribed topic.
     Message(Vec<u8>),
+    /// A message of the subscribed topic that the broker has kept from an earlier time.
+    Retained,
     /// Connected again.
     Connected,
     /// The connection was lost; it is tried again.
-    Lost(String),
+    Lost(Loss),
+}
+
+/// Why there is no connection.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Loss {
+    /// Nobody answers as a broker does.
+    Silent(String),
+    /// The login is refused.
+    Login,
+    /// The certificate is not accepted.
+    Certificate(String),
+}
+
+impl std::fmt::Display for Loss {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Silent(reason) => f.write_str(reason),
+            Self::Login => f.write_str("the login is refused"),
+            Self::Certificate(reason) => write!(f, "the certificate is not accepted ({reason})"),
+        }
+    }
+}
+
+impl From<&ConnectionError> for Loss {
+    fn from(e: &ConnectionError) -> Self {
+        use ConnectReturnCode::{BadUserNamePassword, NotAuthorized};
+        let verification = match e {
+            ConnectionError::ConnectionRefused(BadUserNamePassword | NotAuthorized) => return Self::Login,
+            ConnectionError::Tls(TlsError::TLS(e)) => Some(e),
+            ConnectionError::Tls(TlsError::Io(e)) => e.get_ref().and_then(|e| e.downcast_ref()),
+            _ => None,
+        };
+        match verification {
+            Some(e @ rustls::Error::InvalidCertificate(_)) => Self::Certificate(e.to_string()),
+            _ => Self::Silent(e.to_string()),
+        }
+    }
 }
 
 /// Messages published recently.
@@ -144,15 +158,19 @@ impl Link {
     /// Connects as `id`, and subscribes to `topic` if there is one; waits at most `patience` for the broker.
     ///
     /// # Errors
-    /// [`MqttError::Topic`] or [`MqttError::Unreachable`].
-    pub fn open(address: &Address, id: &str, topic: Option<&str>, patience: Duration) -> Result<Self, MqttError> {
+    /// [`MqttError::Topic`], [`MqttError::Unreachable`], [`MqttError::Login`] or [`MqttError::Certificate`].
+    pub fn open(broker: &Broker, id: &str, topic: Option<&str>, patience: Duration) -> Result<Self, MqttError> {
         if let Some(topic) = topic {
             check_topic(topic)?;
         }
+        let address = &broker.address;
         let mut options = MqttOptions::new(id, (address.host.clone(), address.port));
         options.set_clean_session(false).set_keep_alive(KEEP_ALIVE).set_max_packet_size(LARGEST, LARGEST);
-        if let Some((user, password)) = &address.credentials {
-            options.set_credentials(user, password.clone());
+        if let Some(Login { user, password }) = &address.login {
+            options.set_credentials(user.reveal(), password.reveal().to_string());
+        }
+        if let Some(tls) = &broker.tls {
+            options.set_transport(Transport::tls_with_config(TlsConfiguration::Rustls(tls.clone())));
         }
         let (client, connection) = Client::builder(options).capacity(QUEUE).build();
         let (sender, reports) = sync_channel(QUEUE);
@@ -168,21 +186,33 @@ impl Link {
         let unreachable = |reason: String| MqttError::Unreachable { address: address.to_string(), reason };
         let thread = Some(thread.map_err(|e| unreachable(e.to_string()))?);
         let mut link = Self { client, reports, ending, thread, recent };
+        match link.connected(patience) {
+            None => Ok(link),
+            Some(loss) => {
+                link.abandon();
+                Err(match loss {
+                    Loss::Silent(reason) => unreachable(reason),
+                    Loss::Login => MqttError::Login(address.to_string()),
+                    Loss::Certificate(reason) => MqttError::Certificate { address: address.to_string(), reason },
+                })
+            }
+        }
+    }
+
+    /// Waits until there is a connection; returns why there is none within `patience`, or will never be.
+    fn connected(&self, patience: Duration) -> Option<Loss> {
         let start = Instant::now();
-        let mut reason = "no answer".to_string();
-        loop {
-            match link.receive(Duration::from_millis(100)) {
-                Ok(Some(Report::Connected)) => return Ok(link),
-                Ok(Some(Report::Lost(why))) => reason = why,
+        let mut reason = Loss::Silent("no answer".into());
+        while start.elapsed() <= patience {
+            match self.receive(Duration::from_millis(100)) {
+                Ok(Some(Report::Connected)) => return None,
+                Ok(Some(Report::Lost(loss @ (Loss::Login | Loss::Certificate(_))))) => return Some(loss),
+                Ok(Some(Report::Lost(loss))) => reason = loss,
                 Ok(_) => {}
                 Err(_) => break,
             }
-            if start.elapsed() > patience {
-                break;
-            }
         }
-        link.abandon();
-        Err(unreachable(reason))
+        Some(reason)
     }
 
     /// The next report; `None` if there is none within `patience`.
@@ -271,6 +301,7 @@ impl Work {
         loop {
             // No time limit here: it would interrupt a connection that is being made.
             let report = match connection.recv() {
+                Ok(Ok(Event::Incoming(Packet::Publish(message)))) if message.retain => Some(Report::Retained),
                 Ok(Ok(Event::Incoming(Packet::Publish(message)))) => Some(Report::Message(message.payload.to_vec())),
                 Ok(Ok(Event::Incoming(Packet::ConnAck(_)))) => {
                     if let Some(topic) = &self.topic {
@@ -288,7 +319,7 @@ impl Work {
                 Ok(Err(e)) => {
                     lock(&self.recent).lost.get_or_insert_with(Instant::now);
                     std::thread::sleep(RETRY);
-                    Some(Report::Lost(e.to_string()))
+                    Some(Report::Lost(Loss::from(&e)))
                 }
             };
             while let Some((topic, payload)) = repeated.pop_front() {
@@ -332,25 +363,11 @@ mod tests {
     }
 
     #[test]
-    fn addresses() {
-        let parsed = |text: &str| text.parse::<Address>();
-        let plain = parsed("mqtt://127.0.0.1").unwrap();
-        assert_eq!((plain.host.as_str(), plain.port, plain.credentials), ("127.0.0.1", 1883, None));
-        let full = parsed("mqtt://robot:se:cret@broker.example:2000/").unwrap();
-        assert_eq!((full.host.as_str(), full.port), ("broker.example", 2000));
-        assert_eq!(full.credentials, Some(("robot".into(), "se:cret".into())));
-        assert_eq!(parsed("mqtt://[::1]:1999").unwrap().host, "::1");
-        for wrong in ["", "127.0.0.1", "mqtts://a", "mqtt://", "mqtt://a:b", "mqtt://a:70000", "mqtt://a/b"] {
-            assert!(parsed(wrong).is_err(), "{wrong}");
-        }
-    }
-
-    #[test]
     fn nobody_answers() {
         // Port 9 of this machine discards, if it is open at all.
-        let address = "mqtt://127.0.0.1:9".parse().unwrap();
-        let refused = Link::open(&address, "test", None, Duration::from_millis(300));
+        let broker = Broker::new("mqtt://127.0.0.1:9".parse().unwrap(), None, None).unwrap();
+        let refused = Link::open(&broker, "test", None, Duration::from_millis(300));
         assert!(matches!(refused, Err(MqttError::Unreachable { .. })));
-        assert!(matches!(Link::open(&address, "test", Some("a/#"), Duration::ZERO), Err(MqttError::Topic(_))));
+        assert!(matches!(Link::open(&broker, "test", Some("a/#"), Duration::ZERO), Err(MqttError::Topic(_))));
     }
 }

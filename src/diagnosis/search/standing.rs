@@ -33,7 +33,8 @@ impl Search<'_> {
         let (end, without) = self.longest_standing(&chosen)?;
         outcome.findings.truncate(without.len());
         let unjudged = self.names(&chosen[without.len()..]);
-        let not_tried = if outcome.cut_short { untried(&outcome, unjudged, &self.settings) } else { Vec::new() };
+        let is_open = outcome.cut_short || !unjudged.is_empty();
+        let not_tried = if is_open { untried(&outcome, unjudged, &self.settings) } else { Vec::new() };
         Ok(Ok(Standing { outcome, end, without, not_tried }))
     }
 

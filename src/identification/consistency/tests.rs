@@ -7,7 +7,7 @@ use crate::model::Model;
 
 /// Classes of the shipped robot, its parameters and the masses without a parameter.
 fn shipped() -> (Model, Vec<BodyClass>, DVector<f64>) {
-    let model = crate::model::testing::shipped("irb360-6-1600");
+    let model = crate::model::testing::irb360();
     let rigid = Plant::new(&model, &Setup::default()).rigid_bodies();
     let free: Vec<usize> = (0..rigid.values.len()).collect();
     let (classes, masses) = classes(&model.bodies, &[(0, &rigid)], &free);

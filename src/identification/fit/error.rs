@@ -27,6 +27,16 @@ pub enum FitError {
         /// Name of another one.
         second: String,
     },
+    /// The recordings measure different channels.
+    #[error("recordings {first} and {second} measure different channels: {differ}; expected the same in all")]
+    Channels {
+        /// Name of a recording.
+        first: String,
+        /// Name of another one.
+        second: String,
+        /// The channels that only one of them has.
+        differ: String,
+    },
     /// Too few samples.
     #[error("recording {recording}: {samples} samples are left after differentiation, at least {needed} are needed")]
     TooShort {

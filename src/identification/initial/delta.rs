@@ -241,12 +241,14 @@ impl Own<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::testing::shipped;
+    use crate::machine::Mechanism;
+    use crate::model::testing::irb360;
 
     #[test]
     fn a_template_of_another_machine_is_refused() {
         let recording = Recording::default();
-        let answer = delta(&shipped("clavel-delta"), &[recording]);
+        let three = Model { mechanism: Mechanism::delta(false), ..irb360() };
+        let answer = delta(&three, &[recording]);
         assert!(matches!(answer, Err(InitialError::OtherMachine { expected: 3, found: 4, .. })));
     }
 }

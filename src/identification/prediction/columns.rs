@@ -457,7 +457,7 @@ mod tests {
     use crate::effects::{REGISTRY, rigid_bodies};
     use crate::kinematics::JointState;
     use crate::machine::Setup;
-    use crate::model::testing::shipped;
+    use crate::model::testing::irb360;
 
     const DT: f64 = 4e-4;
     const BLOCK: usize = 5;
@@ -502,7 +502,7 @@ mod tests {
     /// and by jumps of friction within it.
     #[test]
     fn averages_of_the_columns() {
-        let model = shipped("irb360-6-1600");
+        let model = irb360();
         let dataset = dataset();
         let plant = Plant::new(&model, &dataset.setup);
         let known = |e: &&Arc<dyn crate::effects::Effect>| {

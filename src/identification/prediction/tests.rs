@@ -3,7 +3,7 @@ use super::*;
 use crate::effects::Role;
 use crate::effects::find;
 use crate::machine::{Configuration, Setup};
-use crate::model::testing::shipped;
+use crate::model::testing::irb360;
 
 const DT: f64 = 4e-4;
 
@@ -25,7 +25,7 @@ fn dataset(joints: Vec<JointState>, setup: Setup) -> Dataset {
 
 /// Arms and rotor of the shipped robot, disassembled and without friction.
 fn arms(name: &str, blocks: &[&[f64]]) -> (Plant, Setup) {
-    let mut model = shipped("irb360-6-1600");
+    let mut model = irb360();
     model.effects = vec![ActiveEffect::new(find(name).unwrap(), blocks)].into();
     let setup = Setup { configuration: Configuration::Disassembled, ..Setup::default() };
     (Plant::new(&model, &setup), setup)
@@ -270,7 +270,7 @@ fn friction_on_the_motors_side_is_seen_through_the_gear() {
     let (joints, torque) = elastic_arm(&bare, COMPLIANCE, 20.0, 0.18, |rate| -5.0 * (100.0 * rate).tanh() - 2.0 * rate);
     let dataset = dataset(joints, setup);
     let left = |compliance: f64, at_motor: f64| {
-        let mut model = shipped("irb360-6-1600");
+        let mut model = irb360();
         let elastic: [&[f64]; 4] = [&[compliance, 0.0, 0.0], &[20.0], &[0.18], &[at_motor]];
         let friction: [&[f64]; 3] = [&[5.0, 0.0, 0.0], &[2.0, 0.0, 0.0], &[100.0]];
         model.effects = vec![
@@ -295,7 +295,7 @@ fn columns_pass_through_the_gears() {
 }
 
 fn columns_pass_through_gears_with_friction(at_motor: f64) {
-    let mut elastic = shipped("irb360-6-1600");
+    let mut elastic = irb360();
     elastic.effects.push(ActiveEffect::new(
         find("drive_elasticity").unwrap(),
         &[&[3e-5, 4e-5, 6e-5], &[20.0], &[0.18], &[at_motor]],
@@ -343,7 +343,7 @@ fn a_frame_of_25_hz_is_followed_at_any_sampling_rate() {
     // Waves up to 6.4 Hz, in full swing from the start. Straight lines between the samples of the inertial force leave
     // (Ω·h)²/12 of its waves: at 4 ms 2.1e-3 of the fastest, at 400 µs a hundredth of that. A general method of second
     // order would miss the mode itself, with ω·h = 0.63.
-    let mut model = shipped("irb360-6-1600");
+    let mut model = irb360();
     let blocks: [&[f64]; 3] = [&[2.5e-3; 2], &[25.0, 21.0], &[0.02, 0.05]];
     model.effects = vec![ActiveEffect::new(find("frame_compliance").unwrap(), &blocks)].into();
     let setup = Setup::default();

@@ -11,7 +11,7 @@ use crate::dynamics::inertial_wrench;
 use crate::kinematics::{JointState, Motion};
 use crate::machine::bodies::{ROTOR, TELESCOPE_UPPER};
 use crate::machine::{ARMS, Geometry, Setup};
-use crate::model::testing::shipped;
+use crate::model::testing::irb360;
 use crate::twin::absolute;
 
 /// Poses and twists of all bodies.
@@ -88,7 +88,7 @@ pub(super) const STILL: Pair = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0
 
 /// The shipped model without effects: its end effector has no inertia.
 pub(super) fn plant() -> Plant {
-    let mut model = shipped("irb360-6-1600");
+    let mut model = irb360();
     model.effects.clear();
     Plant::new(&model, &Setup::default())
 }

@@ -82,8 +82,9 @@ impl Run<'_> {
             return made.map(|()| true);
         }
         let error = if made.is_ok() { self.twin.step_error() } else { f64::INFINITY };
+        let error = if error.is_nan() { f64::INFINITY } else { error };
         // Within a step a contact may begin, which its first stage cannot know.
-        let coarse = self.finest.is_some_and(|finest| h > finest) && (error.is_nan() || error > REFUSED * STEP_ERROR);
+        let coarse = self.finest.is_some_and(|finest| h > finest) && error > REFUSED * STEP_ERROR;
         if coarse {
             self.twin.restore(&self.checkpoint);
         } else {
@@ -203,12 +204,15 @@ impl Run<'_> {
         }
     }
 
-    /// Smallest margin of the closed sockets, N.
+    /// Smallest margin of the closed sockets, N; an error if one is not a number.
     fn weakest(&mut self) -> Result<f64, SingularPose> {
         let snapshot = self.twin.evaluate(&self.torque)?;
         let closed = self.twin.closed();
         let margins = self.clamps.margins(&snapshot.motion, &snapshot.sockets, closed);
         self.known = Some(snapshot);
+        if closed.iter().any(|s| margins[s].is_nan()) {
+            return Err(SingularPose);
+        }
         Ok(closed.iter().map(|s| margins[s]).fold(f64::INFINITY, f64::min))
     }
 

@@ -3,15 +3,12 @@
 pub mod export;
 pub mod import;
 
-use std::io;
 use std::path::Path;
 
 use deltatwin::machine::Mechanism;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::twin::origin::of_recording;
-use deltatwin_io::file;
-use miette::IntoDiagnostic;
 use serde_json::json;
 
 use crate::kind::alone;
@@ -53,16 +50,29 @@ fn convert(
 /// Writes a recording that was read from `from` in the format of the name `to`.
 fn write(recording: &Recording, from: &Path, model: Option<&Model>, to: &Path) -> miette::Result<()> {
     if is_parquet(to) {
-        let table = |out: &mut io::BufWriter<&std::fs::File>| {
-            deltatwin_study::recording::write(recording, out).map_err(io::Error::other)
-        };
-        return file::replace(to, table).into_diagnostic();
+        return write_parquet(recording, to);
     }
     let name = from.file_name().unwrap_or_default().to_string_lossy();
     let mut context = of_recording(&format!("deltatwin import {name}"), model, recording);
     context.provenance.insert("source".into(), name.into_owned());
     context.provenance.insert("source_sha256".into(), input("data", from)?.sha256);
-    recording::write_with(recording, to, &context).into_diagnostic()
+    Ok(recording::write_with(recording, to, &context)?)
+}
+
+#[cfg(feature = "studies")]
+fn write_parquet(recording: &Recording, to: &Path) -> miette::Result<()> {
+    let table = |out: &mut std::io::BufWriter<&std::fs::File>| {
+        deltatwin_study::recording::write(recording, out).map_err(std::io::Error::other)
+    };
+    Ok(deltatwin_io::file::replace(to, table)?)
+}
+
+#[cfg(not(feature = "studies"))]
+fn write_parquet(_: &Recording, to: &Path) -> miette::Result<()> {
+    Err(miette::miette!(
+        "{}: this build leaves Parquet out; expected .csv, or a build with `--features studies`",
+        to.display()
+    ))
 }
 
 fn is_parquet(file: &Path) -> bool {

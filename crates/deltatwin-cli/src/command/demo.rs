@@ -133,7 +133,7 @@ fn keep(args: &Args, known: &Model, recording: &Recording) -> miette::Result<Pat
     let effect = args.effect.as_ref().map_or(String::new(), |name| format!(" --effect {name}"));
     let mut context = of_recording(&format!("deltatwin demo --seed {}{effect}", args.seed), Some(known), recording);
     context.provenance.insert("seed".into(), args.seed.to_string());
-    deltatwin_io::recording::write_with(recording, &path, &context).into_diagnostic()?;
+    deltatwin_io::recording::write_with(recording, &path, &context)?;
     Ok(path)
 }
 
@@ -182,6 +182,9 @@ fn print(campaign: &Campaign, findings: &Findings, files: &[PathBuf]) {
     tell!("\nWritten:");
     for f in files {
         tell!("  {}", f.display());
+    }
+    if let Some(how) = super::VIEWER {
+        tell!("\nTo {how}.");
     }
 }
 

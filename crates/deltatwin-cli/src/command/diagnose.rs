@@ -7,6 +7,7 @@ pub mod time;
 mod unexplained;
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use self::time::Allowance;
 use miette::{IntoDiagnostic, WrapErr};
@@ -15,8 +16,8 @@ use crate::command::gate::{guard, much_is_left};
 use crate::command::identify::provenance;
 use crate::data::{Data, DataArgs};
 use crate::report::{check_report, write_report};
-use crate::terminal::{DONE, catch_interrupt, check_output, origin, say, spinner, warn, write_figure};
-use deltatwin::diagnosis::{Diagnosis, NextExperiment, Options, diagnose_with};
+use crate::terminal::{BAD_ANSWER, DONE, catch_interrupt, check_output, origin, say, spinner, warn, write_figure};
+use deltatwin::diagnosis::{Diagnosis, NextExperiment, Options, Verdict, diagnose_with};
 use deltatwin::identification::Dataset;
 use deltatwin::machine::Configuration;
 use deltatwin::model::Model;
@@ -52,7 +53,8 @@ pub struct Args {
     #[arg(short, long)]
     pub verbose: bool,
     /// Time after which the best answer so far is given, with what was not tried; by default what two idle cores do in 15 s for
-    /// every 50 000 samples of all recordings, and not less than 30 s. Ctrl-C ends it, too.
+    /// every 50 000 samples of all recordings, and not less than 30 s. Ctrl-C ends it, too. Exit status 1 if the question was
+    /// not answered until then.
     #[arg(long, value_name = "SECONDS", value_parser = positive)]
     pub time_limit: Option<f64>,
     /// One JSON object on stdout.
@@ -69,6 +71,7 @@ fn positive(text: &str) -> Result<f64, String> {
 
 /// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
+    let begun = Instant::now();
     let model = model::read(&args.model)?;
     if let Some(output) = &args.output {
         let given = args.data.inputs();
@@ -89,7 +92,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     guard(&model, &data, &args.data)?;
     let progress = spinner("diagnose");
     let samples: usize = data.datasets.iter().chain(&data.held_out).map(Dataset::len).sum();
-    let allowance = Allowance::new(args.time_limit, samples);
+    let allowance = Allowance::new(begun, args.time_limit, samples);
     catch_interrupt()?;
     let clock = || allowance.passed();
     let options = Options { fixed: &args.hold, clock: &clock, ..Options::default() };
@@ -116,7 +119,12 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         let origin = origin("diagnose", Some(&args.model), &args.data.inputs(), &data.warnings)?;
         page::of_diagnosis(&answer, &model, &data, &origin).into_diagnostic()
     })?;
-    Ok(DONE)
+    Ok(status(&answer))
+}
+
+/// Exit status of an answer: negative if the time was up before there was one.
+pub fn status(answer: &Diagnosis) -> u8 {
+    if answer.verdict == Verdict::Undecided { BAD_ANSWER } else { DONE }
 }
 
 /// Writes the requested files after the answer; a failure to write one does not affect the others.

@@ -6,10 +6,10 @@ use miette::{IntoDiagnostic, miette};
 use rayon::prelude::*;
 
 use crate::terminal::{
-    DONE, INTERRUPTED, Table, bar, catch_interrupt, complain, interrupted, origin_of, path, paths, say, warn,
-    write_figure,
+    DONE, INTERRUPTED, Table, bar, catch_interrupt, complain, interrupted, origin_of, path, say, warn, write_figure,
 };
 use deltatwin::model::Model;
+use deltatwin_analysis::json::paths;
 use deltatwin_analysis::page::end;
 use deltatwin_io::model;
 use deltatwin_study::campaign::{CampaignError as Stopped, Chunk};

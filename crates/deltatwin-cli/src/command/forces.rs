@@ -8,14 +8,16 @@ use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
 use crate::data::Outside;
-use crate::terminal::{DONE, Table, assembled_robot, check_output, path, say, spinner, warn, write_figure};
+use crate::terminal::{DONE, Table, assembled_robot, check_output, path, say, spinner, warn, wrapped, write_figure};
 use deltatwin::constraint_forces::{Detail, MULTIPLIERS, Multipliers, constraint_forces};
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::identification::{Dataset, residuals};
 use deltatwin::kinematics::JointState;
+use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::machine::{ARMS, STRUTS, Setup};
 use deltatwin::model::Model;
 use deltatwin::text::significant;
+use deltatwin::twin::Clamps;
 use deltatwin_io::kind::{Kind, kind};
 use deltatwin_io::{file, recording, scenario};
 use deltatwin_report::{Color, Curve, Panel, Style, panels};
@@ -91,24 +93,32 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     if !plant.assembled {
         return Err(miette!("{}: is of a disassembled robot; expected an assembled one", args.motion.display()));
     }
+    let clamps = Clamps::watched(&model.sockets);
     let progress = spinner("forces");
     let one = |(k, (t, joints)): (usize, (&f64, &JointState))| {
         let pose = plant.motion(joints)?;
         let own = plant.steady_states(*t, &pose);
         let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
-        Ok(constraint_forces(&plant, *t, &pose, &states, args.loads.into()).map_err(|e| e.at_sample(k))?.to_array())
+        let forces = constraint_forces(&plant, *t, &pose, &states, args.loads.into()).map_err(|e| e.at_sample(k))?;
+        Ok((forces.to_array(), clamps.along(&plant, *t, &pose)?.1))
     };
-    let forces: Result<Vec<_>, deltatwin::kinematics::KinematicsError> =
+    let loads: Result<Vec<_>, deltatwin::kinematics::KinematicsError> =
         motion.t.par_iter().zip(&motion.joints).enumerate().map(one).collect();
     progress.finish_and_clear();
-    let forces = forces.into_diagnostic().wrap_err_with(|| args.motion.display().to_string())?;
+    let loads = loads.into_diagnostic().wrap_err_with(|| args.motion.display().to_string())?;
+    let (forces, margins): (Vec<_>, Vec<_>) = loads.into_iter().unzip();
+    let margins = least(&model, &forces, &margins);
     if let Some(output) = &args.output {
         write_table(output, &motion.t, &forces)?;
     }
     if let Some(figure) = &args.figure {
         write_figure(figure, &draw(&motion, &forces))?;
     }
-    if args.json { say(to_json(args, &model, &motion, &forces)) } else { print(args, &model, &motion, &forces) }?;
+    if args.json {
+        say(to_json(args, &model, &motion, (&forces, &margins)))
+    } else {
+        print(args, &model, &motion, (&forces, &margins))
+    }?;
     Ok(DONE)
 }
 
@@ -145,8 +155,8 @@ fn place(channel: Channel) -> usize {
     }
 }
 
-/// Limit of the machine on multiplier `k`: drive torque (N·m) or dislocation force of a socket (N); `None` without a
-/// limit.
+/// Limit of the machine on multiplier `k`: drive torque (N·m), or dislocation force of a socket without pull along its
+/// opening (N); `None` without a limit.
 fn limit(model: &Model, k: usize) -> Option<f64> {
     match k {
         0..5 => None,
@@ -155,6 +165,18 @@ fn limit(model: &Model, k: usize) -> Option<f64> {
         _ => Some(model.drives[k - 18].max_torque),
     }
     .filter(|l| *l > 0.0)
+}
+
+/// Least margin of every multiplier with a limit, in its unit: of a strut's force the least one of the ball socket at that
+/// end, from all loads ([`Clamps::margins`]), else the limit less the largest magnitude.
+fn least(model: &Model, forces: &[[f64; MULTIPLIERS]], margins: &[[f64; SOCKETS]]) -> [Option<f64>; MULTIPLIERS] {
+    std::array::from_fn(|k| match k {
+        6..18 => {
+            let socket = if k < 12 { STRUTS + k - 6 } else { k - 12 };
+            Some(margins.iter().map(|m| m[socket]).fold(f64::INFINITY, f64::min))
+        }
+        _ => limit(model, k).map(|l| l - forces.iter().map(|f| f[k].abs()).fold(0.0, f64::max)),
+    })
 }
 
 /// Smallest, largest and RMS value of multiplier `k`.
@@ -215,14 +237,17 @@ fn draw(motion: &Motion, forces: &[[f64; MULTIPLIERS]]) -> deltatwin_report::Fig
     panels("Constraint forces", "t / s", &all)
 }
 
-fn to_json(args: &Args, model: &Model, motion: &Motion, forces: &[[f64; MULTIPLIERS]]) -> Value {
+/// Multipliers over time, and the least margin of each.
+type Loads<'a> = (&'a [[f64; MULTIPLIERS]], &'a [Option<f64>; MULTIPLIERS]);
+
+fn to_json(args: &Args, model: &Model, motion: &Motion, (forces, margins): Loads) -> Value {
     let names = Multipliers::names();
     let multipliers: Map<String, Value> = (0..MULTIPLIERS)
         .map(|k| {
             let [min, max, rms] = statistics(forces, k);
-            let margin = limit(model, k).map(|l| l - min.abs().max(max.abs()));
+            let (unit, limit) = (Multipliers::unit(k), limit(model, k));
             let entry = json!({
-                "min": min, "max": max, "rms": rms, "unit": Multipliers::unit(k), "limit": limit(model, k), "margin": margin,
+                "min": min, "max": max, "rms": rms, "unit": unit, "limit": limit, "margin": margins[k],
             });
             (names[k].clone(), entry)
         })
@@ -245,16 +270,18 @@ fn to_json(args: &Args, model: &Model, motion: &Motion, forces: &[[f64; MULTIPLI
     })
 }
 
-fn print(args: &Args, model: &Model, motion: &Motion, forces: &[[f64; MULTIPLIERS]]) -> miette::Result<()> {
+fn print(args: &Args, model: &Model, motion: &Motion, (forces, margins): Loads) -> miette::Result<()> {
     let mut table = Table::new(&["Multiplier", "min", "max", "rms", "limit", "margin", ""], &[6]);
     for (k, name) in Multipliers::names().into_iter().enumerate() {
         let [min, max, rms] = statistics(forces, k);
-        let bound = limit(model, k);
-        let cells = [Some(min), Some(max), Some(rms), bound, bound.map(|l| l - min.abs().max(max.abs()))];
+        let cells = [Some(min), Some(max), Some(rms), limit(model, k), margins[k]];
         let cells = cells.map(|v| v.map_or(String::new(), |v| significant(v, 4)));
         table.row(std::iter::once(name).chain(cells).chain([Multipliers::unit(k).into()]));
     }
     say(table)?;
+    let law = "The margin of a strut's force is the least one of the ball socket there, whose hold falls with the pull along \
+               its opening; all loads count.";
+    say(wrapped(law, 2))?;
     say(format!("\n  {} samples over {:.4} s", motion.t.len(), motion.t[motion.t.len() - 1] - motion.t[0]))?;
     for (channel, values) in &motion.measured {
         let [rms, size] = difference(values, forces, place(*channel));

@@ -23,6 +23,7 @@ use deltatwin::text::significant;
 use deltatwin_analysis::identify::Identification;
 use deltatwin_analysis::page;
 use deltatwin_analysis::run::held_out_rms;
+use deltatwin_io::file::WriteError;
 use deltatwin_io::model::{self, uncertainty};
 
 /// Estimate the parameters of a model from recordings.
@@ -137,6 +138,10 @@ pub(crate) fn write_fit(fit: &Fit, output: &Path, provenance: &Provenance, quiet
 /// Writes a fitted model after its answer was printed; reports it unless `quietly`.
 pub(crate) fn write(model: &Model, output: &Path, provenance: &Provenance, quietly: bool) -> miette::Result<()> {
     if let Err(refused) = deltatwin_io::model::write_fitted(model, output, provenance) {
+        // Of the file, not of the fit.
+        if refused.is::<WriteError>() {
+            return Err(refused);
+        }
         let causes: Vec<String> = refused.chain().map(ToString::to_string).collect();
         return Err(miette!(
             help = "A fit that leaves what a model file admits belongs to recordings that do not determine it: `deltatwin \

@@ -103,7 +103,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         let [model_name, path_name] =
             [&args.model, &args.path].map(|file| file.file_name().unwrap_or_default().to_string_lossy());
         let context = of_recording(&format!("deltatwin plan {model_name} {path_name}"), Some(&model), &planned);
-        deltatwin_io::recording::write_with(&planned, output, &context).into_diagnostic()?;
+        deltatwin_io::recording::write_with(&planned, output, &context)?;
     }
     let contacts = Some(deltatwin_cell::contacts as NewContacts);
     let execution =

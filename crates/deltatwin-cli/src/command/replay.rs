@@ -1,13 +1,15 @@
 //! `deltatwin replay`.
 
+#[cfg(feature = "watch")]
 mod send;
 #[cfg(feature = "viewer")]
 mod show;
 
 use std::path::PathBuf;
 
+#[cfg(feature = "watch")]
+use crate::broker::{Access, Given};
 use crate::data::{Outside, positive};
-use deltatwin_watch::mqtt::Address;
 
 /// Look at a recording in Rerun: the moving robot, measured and predicted torques; or send it to a broker.
 ///
@@ -33,15 +35,21 @@ pub struct Args {
     #[command(flatten)]
     viewer: super::view::LiveView,
     /// Broker to publish the samples at, instead of writing a file.
+    #[cfg(feature = "watch")]
     #[arg(long, value_name = "URL", requires = "topic", conflicts_with = "output")]
-    pub mqtt: Option<Address>,
+    pub mqtt: Option<Given>,
     /// Topic of the samples.
+    #[cfg(feature = "watch")]
     #[arg(long, value_name = "TOPIC", requires = "mqtt")]
     pub topic: Option<String>,
+    #[cfg(feature = "watch")]
+    #[command(flatten)]
+    pub access: Access,
     /// Seconds of the recording per second, to the broker or with --live.
     #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = positive)]
     pub speed: f64,
     /// Seconds of samples in a message.
+    #[cfg(feature = "watch")]
     #[arg(long, value_name = "SECONDS", default_value_t = 0.02, value_parser = positive, requires = "mqtt")]
     pub batch: f64,
     /// One JSON object on stdout.
@@ -51,10 +59,11 @@ pub struct Args {
 
 /// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
-    match (&args.mqtt, &args.topic) {
-        (Some(address), Some(topic)) => send::run(args, address, topic),
-        _ => look(args),
+    #[cfg(feature = "watch")]
+    if let (Some(address), Some(topic)) = (&args.mqtt, &args.topic) {
+        return send::run(args, address, topic);
     }
+    look(args)
 }
 
 #[cfg(feature = "viewer")]
@@ -64,5 +73,5 @@ fn look(args: &Args) -> miette::Result<u8> {
 
 #[cfg(not(feature = "viewer"))]
 fn look(_: &Args) -> miette::Result<u8> {
-    Err(miette::miette!("this program was built without the viewer; expected --mqtt URL --topic TOPIC"))
+    Err(miette::miette!("this build leaves the viewer out; build it with `cargo run --features viewer -- replay …`"))
 }

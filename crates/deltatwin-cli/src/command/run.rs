@@ -1,12 +1,14 @@
 //! `deltatwin run`.
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use miette::IntoDiagnostic;
 
+use super::diagnose::status;
 use super::diagnose::time::Allowance;
 use crate::data::{Data, DataArgs, positive};
-use crate::terminal::{DONE, catch_interrupt, command, error_bars, interrupted, origin, say, spinner, warn, wrapped};
+use crate::terminal::{catch_interrupt, command, error_bars, interrupted, origin, say, spinner, warn, wrapped};
 use deltatwin::identification::Dataset;
 use deltatwin::model::Model;
 #[cfg(feature = "viewer")]
@@ -33,7 +35,8 @@ pub struct Args {
     /// Effect whose parameters are known and stay as they are (`rigid_bodies` for the links); may be given several times.
     #[arg(long, value_name = "EFFECT")]
     hold: Vec<String>,
-    /// Time after which the diagnosis gives its best answer so far; as for `diagnose`.
+    /// Time after which the stages give their best answers so far, and what was cut is said; as for `diagnose`. Exit status 1
+    /// if it is then not clear what is missing.
     #[arg(long, value_name = "SECONDS", value_parser = positive)]
     time_limit: Option<f64>,
     /// Replace the results of an earlier run in the folder.
@@ -46,6 +49,7 @@ pub struct Args {
 
 /// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
+    let begun = Instant::now();
     let model = model::read(&args.model)?;
     folder::check(&args.output, args.force)?;
     let inputs = args.data.inputs();
@@ -54,7 +58,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     data.check_held(&args.hold, &model)?;
     let origin = origin("run", Some(&args.model), &inputs, &data.warnings)?;
     let samples: usize = data.datasets.iter().chain(&data.held_out).map(Dataset::len).sum();
-    let allowance = Allowance::new(args.time_limit, samples);
+    let allowance = Allowance::new(begun, args.time_limit, samples);
     catch_interrupt()?;
     let clock = || allowance.passed();
     let settings = Settings { hold: &args.hold, clock: &clock, no_gate: args.data.no_gate };
@@ -64,7 +68,10 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     if args.json { say(folder::result(&analysis, &origin)) } else { print(&analysis) }?;
     let mut files = folder::write(&args.output, &analysis, &model, &data, &origin)?;
     show(&args.output, &analysis, &inputs, &model, &mut files)?;
-    if args.json { Ok(DONE) } else { print_files(&files, args) }
+    if !args.json {
+        print_files(&files, args)?;
+    }
+    Ok(status(&analysis.diagnosis))
 }
 
 /// The whole loop with a spinner that says how far it is.
@@ -134,7 +141,7 @@ fn print(a: &Analysis) -> miette::Result<()> {
 }
 
 /// Prints the files and the next commands.
-fn print_files(files: &[PathBuf], args: &Args) -> miette::Result<u8> {
+fn print_files(files: &[PathBuf], args: &Args) -> miette::Result<()> {
     say("\n  Written")?;
     for file in files {
         say(format!("    {}", file.display()))?;
@@ -148,5 +155,8 @@ fn print_files(files: &[PathBuf], args: &Args) -> miette::Result<u8> {
     say(format!("    open {} in a browser", text(&args.output.join(folder::PAGE))))?;
     say(command(&compare, 4))?;
     say(command(&[details, vec!["--verbose".into()]].concat(), 4))?;
-    Ok(DONE)
+    if let Some(how) = super::VIEWER {
+        say(format!("    {how}"))?;
+    }
+    Ok(())
 }

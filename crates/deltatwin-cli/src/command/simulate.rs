@@ -35,6 +35,8 @@ use deltatwin::twin::{
 };
 use deltatwin_io::file::WriteError;
 #[cfg(feature = "viewer")]
+use deltatwin_io::file::name_of_part;
+#[cfg(feature = "viewer")]
 use deltatwin_io::outside::Access;
 use deltatwin_io::{model, recording, scenario};
 #[cfg(feature = "viewer")]
@@ -43,7 +45,8 @@ use deltatwin_rerun::{scene::Assets, show::Stage};
 /// Run the twin.
 ///
 /// Several scenarios run at once on all cores. A recording grows on the disk as REC.partial until it is complete, at
-/// constant memory. Ctrl-C ends a run at its next sample; what was simulated until then is kept.
+/// constant memory. Ctrl-C ends a run at its next sample; what was simulated until then is kept. A recording of that
+/// name stays as it is: the part is then REC.partial.
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = "Example: deltatwin simulate scenarios/crash.toml -o run.mcap --step-error")]
 pub struct Args {
@@ -106,6 +109,10 @@ struct Job {
 struct Outcome {
     /// Number of samples.
     samples: usize,
+    /// The recording's file, if there is one.
+    file: Option<PathBuf>,
+    /// Whether the run was interrupted before its end.
+    stopped: bool,
     /// The run as a whole, if the job keeps it.
     recording: Recording,
     /// Why the recording was not written, if it was not.
@@ -188,7 +195,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
             Ok(outcome) => outcome,
             Err(error @ (SimulationError::Singular { .. } | SimulationError::Cell { .. })) => {
                 complain(format!("error: {}: {error}", job.scenario.name));
-                status = BAD_ANSWER;
+                status = status.max(BAD_ANSWER);
                 let error = error_json(&miette!("{error}"));
                 runs.push(json!({ "scenario": job.scenario.name, "error": error }));
                 continue;
@@ -197,18 +204,18 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         };
         if let Some(complaint) = outcome.complaint() {
             complain(format!("error: {}: {complaint}", job.scenario.name));
-            status = BAD_ANSWER;
+            status = status.max(BAD_ANSWER);
         }
         // A failure to write one result does not affect the others.
         let mut outcome = outcome;
         let written = outcome.unwritten.take().map_or_else(|| show(job, &outcome, args), Err);
         if let Err(error) = &written {
             complain(format!("error: {}: {error}", job.scenario.name));
-            status = BAD_INPUT;
+            status = status.max(BAD_INPUT);
         }
         let difference = verify.as_ref().map(|earlier| outcome.recording.first_difference(earlier));
         if matches!(difference, Some(Some(_))) {
-            status = BAD_ANSWER;
+            status = status.max(BAD_ANSWER);
         }
         if args.json {
             let mut run = json(job, &outcome, difference.as_ref(), written.is_ok());
@@ -216,7 +223,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
             run["error"] = complaint.map_or(Value::Null, |complaint| error_json(&miette!("{complaint}")));
             runs.push(run);
         } else {
-            print(job, &outcome, difference.as_ref(), args, written.is_ok())?;
+            print(job, &outcome, difference.as_ref(), written.as_ref().ok().map(Option::as_deref))?;
         }
     }
     if args.json {
@@ -275,18 +282,21 @@ fn distinct(files: &[PathBuf], jobs: &[Job]) -> miette::Result<()> {
     Ok(())
 }
 
-/// Writes the Rerun file of a run, if one is wanted.
-fn show(job: &Job, outcome: &Outcome, args: &Args) -> Result<(), WriteError> {
+/// Writes the Rerun file of a run, if one is wanted, and returns its name; that of a part if the run was interrupted and
+/// there is a file already.
+fn show(job: &Job, outcome: &Outcome, args: &Args) -> Result<Option<PathBuf>, WriteError> {
     #[cfg(feature = "viewer")]
     if let Some(rrd) = &args.rrd {
         let Job { machine, scenario, motion, options, .. } = job;
         let stage = stage(machine, scenario, motion, options.clone(), args.outside.access());
         let stage = stage.map_err(|e| WriteError::invalid(rrd, format!("{e:#}")))?;
-        stage.write(rrd, &outcome.recording, &outcome.report)?;
+        let file = if outcome.stopped { name_of_part(rrd) } else { rrd.clone() };
+        stage.write(&file, &outcome.recording, &outcome.report)?;
+        return Ok(Some(file));
     }
     #[cfg(not(feature = "viewer"))]
-    let _ = (job, outcome, args);
-    Ok(())
+    let _ = (job, outcome.stopped, args);
+    Ok(None)
 }
 
 /// What a viewer shows of a run besides its frames.
@@ -367,10 +377,10 @@ fn execute(job: &Job, step_error: bool, progress: &mut dyn FnMut(f64) -> bool) -
     } else {
         None
     };
-    let (samples, unwritten) = (received.samples, received.problem);
+    let (samples, file, stopped, unwritten) = (received.samples, received.file, received.stopped, received.problem);
     let diverged = matches!(failure, Some(SimulationError::Singular { cause: Cause::Diverged, .. }));
     let remedy = (diverged || failure.is_none() && !report.energy_closes()).then(|| Remedy::of(job, wall));
-    Ok(Outcome { samples, recording, unwritten, report, wall, step_error, failure, remedy })
+    Ok(Outcome { samples, file, stopped, recording, unwritten, report, wall, step_error, failure, remedy })
 }
 
 /// The socket with the least margin, and its margin, N.
@@ -404,7 +414,7 @@ fn json(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>, w
         "socket_margins": report.min_margin,
         "kinetic_energy": report.kinetic_energy,
         "interrupted": interrupted(),
-        "recording": job.output.as_deref().filter(|_| written).map_or(Value::Null, path),
+        "recording": outcome.file.as_deref().filter(|_| written).map_or(Value::Null, path),
     });
     if let Some(step_error) = step_error {
         out["step_error"] = Value::Object(differences(step_error));
@@ -417,14 +427,14 @@ fn json(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>, w
     out
 }
 
+/// Prints what a run has given; `written` is the Rerun file, and none at all if writing failed.
 fn print(
     job: &Job,
     outcome: &Outcome,
     difference: Option<&Option<Difference>>,
-    args: &Args,
-    written: bool,
+    written: Option<Option<&Path>>,
 ) -> miette::Result<()> {
-    let Outcome { samples, report, wall, step_error, failure, .. } = outcome;
+    let Outcome { samples, file, report, wall, step_error, failure, .. } = outcome;
     let ended = match failure {
         _ if interrupted() => ", interrupted",
         Some(_) => ", failed there",
@@ -474,21 +484,17 @@ fn print(
             say(format!("  differs    first at sample {} in {}, by {:e} {}", d.sample, d.channel, d.size, d.unit))?;
         }
     }
-    #[cfg(feature = "viewer")]
-    let rrd = args.rrd.as_deref();
-    #[cfg(not(feature = "viewer"))]
-    let rrd: Option<&Path> = {
-        let _ = args;
-        None
-    };
-    match &job.output {
-        _ if !written => say("  Nothing written: see the error above")?,
-        Some(_) if *samples == 0 => say("  Nothing written: the run failed at its first sample")?,
-        Some(output) => say(format!("  Wrote {}: {samples} samples", output.display()))?,
-        None if rrd.is_none() => say("  Nothing written; -o FILE keeps the recording")?,
-        None => {}
+    let Some(rrd) = written else { return say("  Nothing written: see the error above") };
+    match (&job.output, file) {
+        (Some(_), None) => say("  Nothing written: the run failed at its first sample")?,
+        (Some(output), Some(file)) => {
+            let stays = if file == output { String::new() } else { format!("; {} stays as it was", output.display()) };
+            say(format!("  Wrote {}: {samples} samples{stays}", file.display()))?;
+        }
+        (None, _) if rrd.is_none() => say("  Nothing written; -o FILE keeps the recording")?,
+        (None, _) => {}
     }
-    if let Some(rrd) = rrd.filter(|_| written) {
+    if let Some(rrd) = rrd {
         say(format!("  Wrote {}; look at it with: rerun {}", rrd.display(), rrd.display()))?;
     }
     Ok(())

@@ -15,6 +15,7 @@ use self::cause::{Investigation, Investigations};
 use self::source::{Arrival, Source};
 use self::state::State;
 use self::tape::Tape;
+use crate::broker::{Access, Given};
 use crate::data::positive;
 use crate::terminal::{BAD_ANSWER, DONE, INTERRUPTED, catch_interrupt, check_output, interrupted, say, warn};
 use deltatwin::machine::Setup;
@@ -22,7 +23,7 @@ use deltatwin::model::Model;
 use deltatwin::monitoring::{Monitor, Observation, Sample, Settings};
 use deltatwin_io::{model, recording};
 use deltatwin_watch::inbox::Inbox;
-use deltatwin_watch::mqtt::Address;
+use deltatwin_watch::stamped::SECOND;
 
 /// Watch a running machine: residual, alarm, cause, and loads that no sensor sees.
 ///
@@ -37,12 +38,14 @@ use deltatwin_watch::mqtt::Address;
 pub struct Args {
     /// Model file, identified on the healthy machine.
     pub model: PathBuf,
-    /// Broker that the machine sends its samples to.
+    /// Broker that the machine sends its samples to: mqtt://HOST, with TLS mqtts://HOST.
     #[arg(long, value_name = "URL", requires = "topic", required_unless_present = "follow")]
-    pub mqtt: Option<Address>,
+    pub mqtt: Option<Given>,
     /// Topic of the samples.
     #[arg(long, value_name = "TOPIC", requires = "mqtt")]
     pub topic: Option<String>,
+    #[command(flatten)]
+    pub access: Access,
     /// File that grows, instead of a broker: CSV with the columns t, q1…, tau1…, or MCAP.
     #[arg(long, value_name = "FILE", conflicts_with = "mqtt")]
     pub follow: Option<PathBuf>,
@@ -189,8 +192,9 @@ impl<'a> Watch<'a> {
 
     /// Follows samples in order of time.
     fn follow(&mut self, samples: &[Sample], source: &Source) -> miette::Result<()> {
-        if let Some(tape) = &mut self.tape {
-            tape.append(samples)?;
+        self.state.origin = self.inbox.origin() as f64 / SECOND as f64;
+        if let Some(tape) = self.tape.take_if(|_| !samples.is_empty()) {
+            self.tape.insert(tape.since(self.inbox.origin())?).append(samples)?;
         }
         for &sample in samples {
             let is_learning = self.monitor.healthy().is_none();
@@ -200,7 +204,7 @@ impl<'a> Watch<'a> {
                 Err(problem) => {
                     // A pose that the machine cannot have spoils its second only.
                     if self.impossible == 0 {
-                        warn(&[format!("at {:.3} s: {problem}", sample.t)]);
+                        warn(&[format!("at {:.3} s: {problem}", self.state.origin + sample.t)]);
                     }
                     self.impossible += 1;
                 }

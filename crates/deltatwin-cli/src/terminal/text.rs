@@ -20,6 +20,17 @@ pub(super) fn harmless(text: &str) -> Cow<'_, str> {
     text.chars().map(|c| if steers(c) { format!("\\u{:04x}", c as u32) } else { c.to_string() }).collect()
 }
 
+/// Text without what follows `mqtt://` or `mqtts://`, up to the last apostrophe of the line: it may contain a password.
+pub fn without_login(text: &str) -> String {
+    let hidden = |line: &str| {
+        let begin = ["mqtt://", "mqtts://"].iter().filter_map(|scheme| Some(line.find(scheme)? + scheme.len())).min();
+        let Some(begin) = begin else { return line.to_string() };
+        let end = line[begin..].rfind('\'').map_or("", |end| &line[begin + end..]);
+        format!("{}***{end}", &line[..begin])
+    };
+    text.split('\n').map(hidden).collect::<Vec<_>>().join("\n")
+}
+
 /// Text wrapped at words to lines of [`WIDTH`], indented, with two more columns from the second line on.
 pub fn wrapped(text: &str, indent: usize) -> String {
     hanging(text, &" ".repeat(indent), &" ".repeat(indent + 2))
@@ -79,6 +90,13 @@ mod tests {
     fn escape_codes_are_shown_and_not_sent() {
         assert_eq!(harmless("run \u{1b}]0;x\u{7}\u{9b}2J\n\tok é"), "run \\u001b]0;x\\u0007\\u009b2J\n\tok é");
         assert!(matches!(harmless("plain"), Cow::Borrowed("plain")));
+    }
+
+    #[test]
+    fn logins_are_not_shown() {
+        let usage = "error: unexpected argument 'mqtts://u:it's secret@h' found\n\ntip: 'x'";
+        assert_eq!(without_login(usage), "error: unexpected argument 'mqtts://***' found\n\ntip: 'x'");
+        assert_eq!(without_login("mqtt://u:secret@h"), "mqtt://***");
     }
 
     #[test]

@@ -11,7 +11,7 @@ use deltatwin::effects::{ActiveEffect, Count, Effect, Effects, Host, Parameter, 
 use deltatwin::machine::bodies::{self, BODIES, body_name};
 use deltatwin::machine::check::{self, Culprit};
 use deltatwin::machine::{
-    AXES, Axis, Bodies, Drive, Effort, Geometry, Inertia, Joint, LinkParameters, Mechanism, Stops,
+    AXES, Actuator, Axis, Bodies, Drive, Effort, Geometry, Inertia, Joint, LinkParameters, Mechanism, Stops,
 };
 use deltatwin::model::{Added, Model};
 use miette::{IntoDiagnostic, Result, WrapErr, miette};
@@ -218,11 +218,15 @@ fn check_geometry(table: &Table, g: &Geometry, mechanism: Mechanism, assembled: 
             false => Err(table.refuse("limits", "expected the smallest position first, then the largest")),
         };
     }
+    let (what, home) = match g.arms {
+        Actuator::Revolute => ("angle", "arm angle 0 rad"),
+        Actuator::Prismatic { .. } => ("position", "carriages at 0 m"),
+    };
     if low >= high {
-        return Err(table.refuse("arm_limits", "expected the smallest angle first, then the largest"));
+        return Err(table.refuse("arm_limits", &format!("expected the smallest {what} first, then the largest")));
     }
     if !(low..=high).contains(&0.0) {
-        return Err(table.refuse("arm_limits", "expected limits that contain the home pose, arm angle 0 rad"));
+        return Err(table.refuse("arm_limits", &format!("expected limits that contain the home pose, {home}")));
     }
     if !assembled {
         return Ok(());
@@ -230,11 +234,15 @@ fn check_geometry(table: &Table, g: &Geometry, mechanism: Mechanism, assembled: 
     let least = check::least_strut_length(g);
     let shortest = g.strut_length.iter().copied().fold(f64::INFINITY, f64::min);
     if shortest <= least {
+        let (reach, position) = match g.arms {
+            Actuator::Revolute => ("arm_length·cos(angle)", "arm angle"),
+            Actuator::Prismatic { .. } => ("q·cos(inclination)", "carriage position q"),
+        };
         return Err(table.refuse(
             "strut_length",
             &format!(
-                "expected more than {least:.4} m: a strut must span |base_radius − platform_radius + \
-                 arm_length·cos(angle)| for every arm angle within arm_limits"
+                "expected more than {least:.4} m: a strut must span |base_radius − platform_radius + {reach}| for every \
+                 {position} within arm_limits"
             ),
         ));
     }

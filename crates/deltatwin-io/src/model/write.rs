@@ -17,7 +17,7 @@ use super::read::{
     ALWAYS_PRESENT, GROUPS, LONE_BODY, body_group, body_known, body_needed, default_values, drive_shape,
 };
 use super::schema::{self, Field, Shape, Top};
-use crate::file::replace_text;
+use crate::file::{WriteError, replace_text};
 
 mod formula;
 mod notes;
@@ -28,7 +28,7 @@ pub use notes::{Note, noted_text, write_noted};
 /// Writes the model to `path`: the text from which it was read with the changed numbers, or a new text.
 ///
 /// # Errors
-/// If the file format does not admit a number of the model, or the file cannot be written; the file is then unchanged.
+/// If the file format does not admit a number of the model, or a [`WriteError`]; the file is then unchanged.
 pub fn write(model: &Model, path: &Path) -> Result<()> {
     write_text(model, path, None)
 }
@@ -43,7 +43,12 @@ pub fn write_fitted(model: &Model, path: &Path, provenance: &Provenance) -> Resu
 
 fn write_text(model: &Model, path: &Path, provenance: Option<&Provenance>) -> Result<()> {
     let text = text(model.source.as_deref().unwrap_or(""), &placed(model, path), provenance)?;
-    replace_text(path, &text).into_diagnostic().wrap_err_with(|| format!("cannot write {}", path.display()))
+    Ok(written(path, &text)?)
+}
+
+/// Replaces the file at `path` by `text`.
+fn written(path: &Path, text: &str) -> Result<(), WriteError> {
+    replace_text(path, text).map_err(|reason| WriteError::Io { file: path.into(), reason })
 }
 
 /// The model as a file at `path` states it.

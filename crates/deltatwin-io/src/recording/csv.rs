@@ -33,6 +33,8 @@ const UNKNOWN: usize = 8;
 const MOST_COLUMNS: usize = 10_000;
 /// Number of bytes from which the format of a file is determined.
 const HEAD: usize = 1 << 16;
+/// Nanoseconds per second.
+const SECOND: i64 = 1_000_000_000;
 
 /// Signals of a CSV file, and warnings about what was repaired.
 ///
@@ -61,7 +63,7 @@ pub fn read(path: &Path, how: &Reading) -> Result<(Signals, Vec<String>), ReadEr
 /// # Errors
 /// A description of inconsistent signals, or what the operating system says.
 pub fn write(out: impl Write, signals: &Signals) -> std::io::Result<()> {
-    let mut writer = Writer::new(out);
+    let mut writer = Writer::new(out, 0);
     writer.append(signals)?;
     writer.finish()
 }
@@ -69,13 +71,15 @@ pub fn write(out: impl Write, signals: &Signals) -> std::io::Result<()> {
 /// A file being written, line by line.
 pub(super) struct Writer<W: Write> {
     out: W,
+    /// Instant of t = 0, ns since 1970; zero if times are to be written as they are.
+    zero: i64,
     /// Number of lines of samples so far.
     samples: usize,
 }
 
 impl<W: Write> Writer<W> {
-    pub fn new(out: W) -> Self {
-        Self { out, samples: 0 }
+    pub fn new(out: W, zero: i64) -> Self {
+        Self { out, zero, samples: 0 }
     }
 
     /// Appends samples, below the names of their columns if they are the first.
@@ -83,7 +87,7 @@ impl<W: Write> Writer<W> {
     /// # Errors
     /// As [`write`].
     pub fn append(&mut self, signals: &Signals) -> std::io::Result<()> {
-        let Self { out, samples } = self;
+        let Self { out, zero, samples } = self;
         if signals.is_empty() {
             return Ok(());
         }
@@ -100,7 +104,7 @@ impl<W: Write> Writer<W> {
         let mut line = String::new();
         for (i, t) in signals.t.iter().enumerate() {
             line.clear();
-            line += &shortest(*t);
+            line += &if *zero == 0 { shortest(*t) } else { since_1970(*zero, *t) };
             for c in &columns {
                 line.push(',');
                 line += &shortest(c.values[i]);
@@ -119,6 +123,12 @@ impl<W: Write> Writer<W> {
     pub fn finish(mut self) -> std::io::Result<()> {
         self.out.flush()
     }
+}
+
+/// The time `t` (s) after `zero` (ns since 1970) in seconds since 1970, to the nanosecond.
+fn since_1970(zero: i64, t: f64) -> String {
+    let time = zero.saturating_add((t * 1e9).round() as i64);
+    format!("{}.{:09}", time.div_euclid(SECOND), time.rem_euclid(SECOND))
 }
 
 /// Shortest decimal that reads back as the same number.

@@ -12,11 +12,11 @@ mod preview;
 mod recorder;
 pub mod setup;
 
-pub use bag::{JointSample, Tail};
+pub use bag::{JointSample, Tail, begins_mcap};
 pub use columns::Mapping;
 pub use error::ReadError;
 pub use preview::{Preview, PreviewColumn, preview};
-pub use recorder::{Head, Recorder};
+pub use recorder::{Head, Recorder, clear_partial};
 
 use std::path::Path;
 

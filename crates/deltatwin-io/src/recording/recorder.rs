@@ -59,7 +59,7 @@ impl Recorder {
             let names = [setup::sidecar(growing.partial()), setup::sidecar(target)];
             setup::write_beside(head.setup, head.mechanism, &names[0])?;
             sidecars = Some(names);
-            Format::Csv(csv::Writer::new(growing.appender()))
+            Format::Csv(csv::Writer::new(growing.appender(), head.start.unwrap_or(0)))
         };
         Ok(Self { growing, target: target.into(), format, sidecars, is_empty: true })
     }
@@ -107,27 +107,53 @@ impl Recorder {
     /// # Errors
     /// [`WriteError::Io`] if the file cannot be written.
     pub fn finish(self) -> Result<(), WriteError> {
+        self.end(true).map(drop)
+    }
+
+    /// Completes the recording of a run that was ended before its time. As [`Self::finish`], but a file of its name
+    /// stays as it is: the part then keeps the name under which it grew. Returns its name.
+    ///
+    /// # Errors
+    /// As for [`Self::finish`].
+    pub fn finish_part(self) -> Result<PathBuf, WriteError> {
+        let is_free = !self.target.exists();
+        self.end(is_free)
+    }
+
+    fn end(self, named: bool) -> Result<PathBuf, WriteError> {
         let Self { growing, target, format, sidecars, is_empty } = self;
         let failed = |reason| WriteError::Io { file: target.clone(), reason };
         let finished = match format {
             _ if is_empty => {
                 growing.discard();
                 sidecars.iter().for_each(remove_first);
-                return Ok(());
+                return Ok(target);
             }
             Format::Bag(bag) => bag.finish(),
             Format::Csv(csv) => csv.finish(),
         };
+        if !named {
+            finished.and_then(|()| growing.end()).map_err(failed)?;
+            return Ok(growing.partial().into());
+        }
         finished.and_then(|()| growing.complete()).map_err(failed)?;
         if let Some([own, last]) = sidecars.filter(|[own, _]| own.is_file()) {
             std::fs::rename(&own, &last).map_err(|reason| WriteError::Io { file: last, reason })?;
         }
-        Ok(())
+        Ok(target)
     }
 
     fn failed(&self, reason: std::io::Error) -> WriteError {
         let file = if self.is_empty { self.target.clone() } else { self.growing.partial().into() };
         WriteError::Io { file, reason }
+    }
+}
+
+/// Removes what killed runs left on their way to the recording `target`, which is complete, with their sidecars.
+pub fn clear_partial(target: &Path) {
+    for gone in crate::file::clear_partial(target) {
+        // A bag has none.
+        let _ = std::fs::remove_file(setup::sidecar(&gone));
     }
 }
 

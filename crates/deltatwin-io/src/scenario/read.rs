@@ -85,7 +85,6 @@ struct Document {
     sensors: Option<machine::SensorKeys>,
 }
 
-const SUBSTEPS: usize = 2;
 /// Shortest and longest run, s.
 const DURATION: [f64; 2] = [0.01, 3600.0];
 
@@ -141,9 +140,8 @@ pub fn parse_with(text: &str, path: &Path, access: Access) -> Result<Scenario> {
     };
     let motion = motion::course(file, folder, motion)?;
     let duration = duration(file, &document.duration, &motion)?;
-    let whole = |key: &str, value: &Option<Spanned<i64>>, default: usize| {
-        value.as_ref().map_or(Ok(default), |n| file.count(key, n, 1, 1000))
-    };
+    let whole =
+        |key: &str, value: &Option<Spanned<i64>>| value.as_ref().map(|n| file.count(key, n, 1, 1000)).transpose();
     let (payload, payload_shape) =
         document.payload.as_ref().map_or(Ok(Default::default()), |keys| cell::payload(file, keys))?;
     let believed_payload = document.believed_payload.as_ref().map(|keys| cell::payload(file, keys)).transpose()?;
@@ -156,8 +154,8 @@ pub fn parse_with(text: &str, path: &Path, access: Access) -> Result<Scenario> {
         duration,
         seed: document.seed.unwrap_or(0),
         noise: document.noise.unwrap_or(true),
-        substeps: whole("substeps", &document.substeps, SUBSTEPS)?,
-        control_period: whole("control_period", &document.control_period, 1)?,
+        substeps: whole("substeps", &document.substeps)?,
+        control_period: whole("control_period", &document.control_period)?.unwrap_or(1),
         hold_torque: match &document.hold_torque {
             Some(word) => {
                 let choices = [("ramp", HoldTorque::Ramp), ("hold", HoldTorque::Hold)];
@@ -237,7 +235,7 @@ mod tests {
     #[test]
     fn defaults_fill_what_is_left_out() {
         let s = parse(GOOD).unwrap();
-        assert_eq!((s.seed, s.noise, s.substeps, s.control_period), (0, true, 2, 1));
+        assert_eq!((s.seed, s.noise, s.substeps, s.control_period), (0, true, None, 1));
         assert!(s.controller_model.is_none() && s.objects.is_empty() && s.actions.is_empty());
         assert_eq!(s.hold_torque, HoldTorque::Ramp);
         let s = parse(&format!("control_period = 5\nhold_torque = \"hold\"\n{GOOD}")).unwrap();

@@ -40,6 +40,8 @@ pub struct Study {
     pub margin: Option<usize>,
     /// Factor over which the pictures show the probability of failure, if stated.
     pub over: Option<usize>,
+    /// Time for which a broken robot is followed on once its load has landed, s, if stated.
+    pub after_landing: Option<f64>,
     /// What is changed, in the order of the file.
     pub factors: Vec<Factor>,
     /// Model in which an experiment hides effects; `None` for runs of a scenario.

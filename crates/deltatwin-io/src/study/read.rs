@@ -55,6 +55,7 @@ struct Document {
     draws: Option<Spanned<String>>,
     margin: Option<Spanned<String>>,
     over: Option<Spanned<String>>,
+    after_landing: Option<Spanned<f64>>,
     #[serde(default)]
     factors: Vec<Spanned<FactorKeys>>,
 }
@@ -113,6 +114,8 @@ struct DesignKeys {
 const MOST_RUNS: i64 = 100_000_000;
 const MOST_LEVELS: i64 = 100_000;
 const MOST_FACTORS: usize = 32;
+/// Longest time for which a broken robot is followed after its load has landed, s.
+const LONGEST_AFTER: f64 = 10.0;
 /// Largest number of a factor.
 const LARGEST: f64 = 1e12;
 /// Default number of rays of two factors or more.
@@ -170,6 +173,7 @@ pub fn parse(text: &str, path: &Path, access: Access) -> Result<Study, StudyErro
         experiment,
         margin: margin(file, &document.margin)?,
         over: document.over.as_ref().map(|name| named(file, "over", name, &factors)).transpose()?,
+        after_landing: file.maybe("after_landing", &document.after_landing, Interval(0.0, LONGEST_AFTER, "s"))?,
         factors,
         template,
     })
@@ -345,7 +349,15 @@ fn range(file: &Source, whole: &Spanned<FactorKeys>) -> Checked<Range> {
     let name = keys.name.get_ref();
     let ways = [keys.levels.is_some(), keys.from.is_some() || keys.to.is_some(), keys.distribution.is_some()];
     if ways.iter().filter(|given| **given).count() != 1 {
-        let message = format!("factor `{name}` needs one of `levels`, `from` with `to`, or `distribution`");
+        let named = [
+            ("levels", keys.levels.is_some()),
+            ("from", keys.from.is_some()),
+            ("to", keys.to.is_some()),
+            ("distribution", keys.distribution.is_some()),
+        ];
+        let given: Vec<String> = named.iter().filter(|(_, is)| *is).map(|(key, _)| format!("`{key}`")).collect();
+        let what = if given.is_empty() { "has no values".into() } else { format!("has {}", given.join(" and ")) };
+        let message = format!("factor `{name}` {what}; expected one of `levels`, `from` with `to`, or `distribution`");
         return Err(file.problem(keys.name.span(), message));
     }
     if let Some(levels) = &keys.levels {
@@ -700,6 +712,9 @@ mod tests {
         assert_eq!(weak.scenario.sockets.wear[6..8], [0.25, 0.25]);
         assert_eq!(weak.scenario.sockets.wear[0], 0.0);
         assert_eq!(2.0 * weak.model.sockets.dislocation_force, whole.model.sockets.dislocation_force);
+        // What is known at the machine does not follow the factor.
+        let known = [&weak, &whole].map(|files| files.nominal.dislocation_force);
+        assert_eq!(known, [whole.model.sockets.dislocation_force; 2]);
         assert_eq!(whole.controller_model.unwrap().name, weak.controller_model.unwrap().name);
         let wrong = study.files(&[Setting::Number(1e6)], None).map(|_| ()).unwrap_err();
         assert_eq!(wrong, "`payload.mass` is 1000000; expected a number from 0 to 100 kg");
@@ -764,7 +779,18 @@ mod tests {
             ("count = 12\n", "", "factor `mass` lacks `count`"),
             ("to = 6.0", "to = 0.5", "runs from 0.5 to 0.5"),
             ("to = 6.0\n", "", "lacks `factors.to`"),
-            ("count = 12", "levels = [1]", "needs one of `levels`"),
+            (
+                "count = 12",
+                "levels = [1]",
+                "factor `mass` has `levels` and `from` and `to`; expected one of `levels`, `from` with `to`, or",
+            ),
+            ("from = 0.5\nto = 6.0\ncount = 12", "", "factor `mass` has no values; expected one of `levels`"),
+            (
+                "from = 0.5\nto = 6.0\ncount = 12",
+                "distribution = { kind = \"normal\", mean = 1, sigma = -1 }",
+                "`distribution.sigma` is -1; expected a number above 0, at most 1000000000000",
+            ),
+            ("seed = 4", "after_landing = -1.0", "`after_landing` is -1; expected a number from 0 to 10 s"),
             ("from = 0.5\nto = 6.0\ncount = 12", "levels = [1, \"a\"]", "expected numbers, or no numbers"),
             ("from = 0.5\nto = 6.0\ncount = 12", "levels = []", "has 0 value(s)"),
             (

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 use deltatwin::identification::uncertainty::Uncertainty;
+use deltatwin::machine::Sockets;
 use deltatwin::model::Model;
 use deltatwin::scenario::Scenario;
 use toml::{Table, Value};
@@ -41,6 +42,8 @@ pub struct Files {
     pub model: Model,
     /// Model of the feed-forward, if it is another.
     pub controller_model: Option<Model>,
+    /// Ball sockets of the model file, before any change: what is known at the machine.
+    pub nominal: Sockets,
     /// Folder to which the scenario's names of files are relative.
     pub folder: PathBuf,
     /// Text of the scenario, with everything but a scaled speed.
@@ -200,8 +203,9 @@ impl Template {
             None if run.controller.is_empty() => None,
             other => Some(self.model(other.unwrap_or(&scenario.model), &run.controller)?),
         };
+        let nominal = self.model(&scenario.model, &Changes::default())?.sockets;
         let folder = base.path.parent().unwrap_or(Path::new("")).to_path_buf();
-        Ok(Files { scenario, model, controller_model, folder, text })
+        Ok(Files { scenario, model, controller_model, nominal, folder, text })
     }
 
     /// The model in a file, with changes.

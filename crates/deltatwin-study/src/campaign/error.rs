@@ -30,16 +30,16 @@ pub enum CampaignError {
     },
     /// Rows of another campaign are in the way.
     #[error(
-        "{}: belongs to another study: it has the digest {found}, this one {expected}; expected an empty folder or one \
-         of the same study",
+        "{}: belongs to another study, {found}; this one is {expected}; expected an empty folder or one of the same \
+         study",
         file.display()
     )]
     Foreign {
         /// The file.
         file: PathBuf,
-        /// Digest of what is there.
+        /// Name and digest of what is there.
         found: String,
-        /// Digest of the campaign.
+        /// Name and digest of the campaign.
         expected: String,
     },
     /// Rows of the same campaign by another build are in the way: their physics may differ.
@@ -90,7 +90,7 @@ pub enum CampaignError {
 }
 
 /// The beginning of a digest, which is enough to tell two apart.
-fn short(digest: &str) -> &str {
+pub(super) fn short(digest: &str) -> &str {
     match digest.get(..12) {
         Some(short) => short,
         None if digest.is_empty() => "unnamed",
@@ -106,9 +106,10 @@ impl CampaignError {
     pub(super) fn content(file: &Path) -> impl FnOnce(ParquetError) -> Self + '_ {
         move |reason| match reason {
             // The reader wraps errors of the operating system.
-            ParquetError::External(error) if error.is::<io::Error>() => {
-                Self::Io { file: file.into(), reason: io::Error::other(error) }
-            }
+            ParquetError::External(error) => match error.downcast::<io::Error>() {
+                Ok(reason) => Self::Io { file: file.into(), reason: *reason },
+                Err(error) => Self::Content { file: file.into(), reason: ParquetError::External(error) },
+            },
             reason => Self::Content { file: file.into(), reason },
         }
     }

@@ -7,7 +7,7 @@ use std::sync::mpsc;
 
 use super::chunk::Chunk;
 use super::error::CampaignError;
-use super::folder::{Campaign, FIRST, PARTS};
+use super::folder::{Campaign, FIRST};
 use super::journal::{Fault, Journal};
 use super::table::Value;
 
@@ -36,6 +36,7 @@ impl Campaign {
         work: &(dyn Fn(u64) -> Row + Sync),
         watch: &dyn Watch,
     ) -> Result<(), CampaignError> {
+        self.claim()?;
         let range = chunk.range(runs);
         if self.has_part(chunk)? {
             return Ok(());
@@ -67,6 +68,7 @@ impl Campaign {
         watch: &dyn Watch,
         search: impl FnOnce(&mut Steps) -> Result<(), E>,
     ) -> Result<(), E> {
+        self.claim()?;
         if self.has_part(Chunk::WHOLE)? {
             return Ok(());
         }
@@ -77,8 +79,6 @@ impl Campaign {
     }
 
     fn open<'c>(&'c self, chunk: Chunk, first: u64, watch: &'c dyn Watch) -> Result<Steps<'c>, CampaignError> {
-        let parts = self.folder.join(PARTS);
-        std::fs::create_dir_all(&parts).map_err(CampaignError::io(&parts))?;
         let path = self.journal(chunk);
         let title = format!("deltatwin study {} build {} chunk {chunk}", self.digest.hex(), self.build);
         let journal = Journal::open(&path, &title, first).map_err(|fault| match fault {
@@ -86,7 +86,7 @@ impl Campaign {
             Fault::Taken => CampaignError::Taken { file: path.clone() },
             Fault::Foreign => CampaignError::Foreign {
                 file: path.clone(),
-                found: "of another study or another build of deltatwin".into(),
+                found: "or of another build of deltatwin".into(),
                 expected: self.digest.hex(),
             },
         })?;

@@ -61,7 +61,7 @@ impl Campaign {
     }
 
     /// The parts in the folder, and the runs that they hold.
-    fn parts(&self) -> Result<Vec<(Reader, Range<u64>, PathBuf)>, CampaignError> {
+    pub(super) fn parts(&self) -> Result<Vec<(Reader, Range<u64>, PathBuf)>, CampaignError> {
         let folder = self.folder.join(PARTS);
         let mut parts = Vec::new();
         if !folder.is_dir() {

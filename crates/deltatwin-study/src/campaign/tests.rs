@@ -26,7 +26,7 @@ fn campaign(folder: &Path) -> Campaign {
     let headings = vec![Heading::new("run", "1", Kind::Integer), Heading::new("x", "m", Kind::Float)];
     let digest = Digest::of([("test", &b"1"[..])]);
     let metadata = vec![("study".into(), "text".into())];
-    Campaign { folder: folder.into(), digest, build: BUILD.into(), headings, metadata }
+    Campaign { name: "own".into(), folder: folder.into(), digest, build: BUILD.into(), headings, metadata }
 }
 
 fn work(run: u64) -> Row {
@@ -100,6 +100,40 @@ fn what_is_missing_or_foreign_is_named() {
     assert!(matches!(campaign.merge(Some(10)), Err(CampaignError::Incomplete { missing: 10, .. })));
 }
 
+/// A folder with a third of a study refuses another one before its first run, and loses nothing.
+#[test]
+fn a_folder_is_of_one_study_from_the_first_moment() {
+    let whole = merged(9, &[(1, 1)]);
+    let folder = tempfile::tempdir().unwrap();
+    let own = campaign(folder.path());
+    let other = Campaign { name: "other".into(), digest: Digest::of([]), ..campaign(folder.path()) };
+    let [first, second, third] = [1, 2, 3].map(|k| Chunk::new(k, 3).unwrap());
+    let never = |run: u64| -> Row { panic!("run {run} was made") };
+    let refused = |chunk: Chunk| {
+        let error = other.chunk(chunk, 9, &never, &watch(u64::MAX)).unwrap_err();
+        assert!(matches!(error, CampaignError::Foreign { .. }), "{error}");
+        let text = error.to_string();
+        assert!(text.contains("own (digest ") && text.contains("this one is other (digest "), "{text}");
+    };
+    // Before a part is there: the first study ended within its first chunk.
+    let broken = |run: u64| if run == 1 { Err("no disk".into()) } else { work(run) };
+    assert!(matches!(own.chunk(first, 9, &broken, &watch(u64::MAX)), Err(CampaignError::Run { run: 1, .. })));
+    [Chunk::WHOLE, first, second].into_iter().for_each(refused);
+    own.chunk(first, 9, &work, &watch(u64::MAX)).unwrap();
+    [Chunk::WHOLE, first, second].into_iter().for_each(refused);
+    // Parts that were brought from elsewhere, without the file that states whose they are.
+    std::fs::remove_file(folder.path().join("parts/.study")).unwrap();
+    refused(second);
+    for chunk in [second, third] {
+        own.chunk(chunk, 9, &work, &watch(u64::MAX)).unwrap();
+    }
+    own.merge(Some(9)).unwrap();
+    own.remove_parts().unwrap();
+    assert_eq!(std::fs::read(own.table()).unwrap(), whole);
+    refused(second);
+    assert!(!folder.path().join("parts").exists());
+}
+
 #[test]
 fn rows_of_two_builds_are_not_mixed() {
     // The name is a SHA-256.
@@ -116,8 +150,7 @@ fn rows_of_two_builds_are_not_mixed() {
     refused(other.chunk(first, 10, &work, &watch(u64::MAX)));
     let broken = |run: u64| if run == 7 { Err("no disk".into()) } else { work(run) };
     assert!(matches!(own.chunk(second, 10, &broken, &watch(u64::MAX)), Err(CampaignError::Run { run: 7, .. })));
-    let journal = other.chunk(second, 10, &work, &watch(u64::MAX));
-    assert!(matches!(journal, Err(CampaignError::Foreign { .. })), "{journal:?}");
+    refused(other.chunk(second, 10, &work, &watch(u64::MAX)));
     own.chunk(second, 10, &work, &watch(u64::MAX)).unwrap();
     refused(other.merge(Some(10)).map(drop));
     own.merge(Some(10)).unwrap();

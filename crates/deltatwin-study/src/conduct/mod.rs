@@ -17,7 +17,7 @@ use thiserror::Error;
 use crate::campaign::parquet::Reader;
 use crate::campaign::{BUILD, Campaign, CampaignError, Chunk, Digest, Draws, Heading, Held, Row, Steps, Value, Watch};
 use crate::design::{Plan, Point, evolution, nominal, normal_share, root};
-use crate::run::{Case, CauseKind, Keep, Naming, Outcome, RunError, Verdict, run};
+use crate::run::{AFTER_LANDING, Case, CauseKind, Keep, Naming, Outcome, RunError, Verdict, run};
 use crate::statistics::{Subset, SubsetError, SubsetOptions, subset};
 
 /// A study with its folder.
@@ -258,6 +258,8 @@ impl Conduct {
             controller_model: files.controller_model,
             scenario: files.scenario,
             base: files.folder,
+            after_landing: self.study.after_landing.unwrap_or(AFTER_LANDING),
+            nominal: files.nominal,
         })
     }
 
@@ -274,14 +276,10 @@ impl Conduct {
         }
     }
 
-    /// The margin that the study is about; the least one is negative if and only if the run failed.
+    /// The margin that the study is about.
     fn limit(&self, verdict: &Verdict) -> f64 {
-        match self.study.margin {
-            // What does not apply does not limit.
-            Some(cause) => verdict.margin_of(CauseKind::ALL[cause]).unwrap_or(1.0),
-            None if verdict.survived => verdict.margin.max(0.0),
-            None => verdict.margin.min(-f64::MIN_POSITIVE),
-        }
+        // What does not apply does not limit.
+        self.study.margin.map_or(verdict.margin, |cause| verdict.margin_of(CauseKind::ALL[cause]).unwrap_or(1.0))
     }
 
     /// Writes the recording of a run if the rule says so.
@@ -374,7 +372,8 @@ pub fn campaign(study: &Study, headings: Vec<Heading>, folder: &Path) -> (Campai
         ("design".into(), study.design.name().into()),
         ("seed".into(), study.seed.to_string()),
     ];
-    let campaign = Campaign { folder: folder.into(), digest, build: BUILD.into(), headings, metadata };
+    let name = study.name.clone();
+    let campaign = Campaign { name, folder: folder.into(), digest, build: BUILD.into(), headings, metadata };
     (campaign, Draws::new(&digest, study.seed))
 }
 

@@ -71,6 +71,13 @@ fn named_from(runs: &mut [Along]) -> Option<(f64, f64)> {
     from
 }
 
+impl Summary {
+    /// Shares of failures between which the runs without a verdict leave the true one: all of them survived, all failed.
+    pub fn bounds(&self) -> [f64; 2] {
+        [self.failed, self.failed + self.errors].map(|n| n as f64 / self.runs.max(1) as f64)
+    }
+}
+
 impl Conduct {
     /// The numbers of the merged table; it is read row group by row group.
     ///
@@ -200,6 +207,13 @@ impl Counts {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn runs_without_a_verdict_leave_the_share_of_failures_open() {
+        let of = |failed, errors| Summary { runs: 20, failed, errors, ..Summary::default() }.bounds();
+        assert_eq!([of(4, 0), of(4, 3), of(0, 20)], [[0.2, 0.2], [0.2, 0.35], [0.0, 1.0]]);
+        assert_eq!(Summary::default().bounds(), [0.0, 0.0]);
+    }
 
     #[test]
     fn an_early_name_counts_only_if_all_later_runs_have_one() {

@@ -8,9 +8,10 @@ use deltatwin::planner::trajectory::trajectory;
 use deltatwin::planner::{Machine, PlanError, Shape, Task, plan};
 use deltatwin::scenario::Course;
 use deltatwin::scenario::motion::table::Table;
+use deltatwin::text::significant;
 use thiserror::Error;
 
-use super::verdict::{CauseKind, Margin, Verdict};
+use super::verdict::Verdict;
 use super::{Case, Keep, RunError, margins_of, run};
 
 /// Kinds of remedies.
@@ -63,12 +64,25 @@ pub struct Remedy {
 pub struct Advice {
     /// Verdict on the case as given.
     pub before: Verdict,
-    /// Wanted margin against the cause of `before`.
+    /// Wanted margin against every cause.
     pub wanted: f64,
     /// The cheapest remedies that reach the wanted margin, at most three, cheapest first.
     pub remedies: Vec<Remedy>,
     /// Remedies that do not apply or do not reach it, each with the reason.
     pub refused: Vec<String>,
+    /// Where no remedy reaches it, the largest margin that one does reach.
+    pub best: Option<Reached>,
+}
+
+/// Margin that a change reaches.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reached {
+    /// What is changed, with its numbers.
+    pub what: String,
+    /// Least margin over all causes.
+    pub margin: f64,
+    /// The cause and part with that margin.
+    pub cause: String,
 }
 
 /// Why there is no advice.
@@ -101,8 +115,8 @@ const LIMIT_STEP: f64 = 0.92;
 /// Number of remedies in an [`Advice`].
 const BEST: usize = 3;
 
-/// The three cheapest remedies with which a case has at least the margin `wanted` (normalised as [`Margin::value`])
-/// against the cause that limits it now, and no negative margin; with `task`, the motion is the plan of that path.
+/// The three cheapest remedies with which a case has at least the margin `wanted` (normalised as
+/// [`Margin::value`](super::Margin::value)) against every cause; with `task`, the motion is the plan of that path.
 ///
 /// # Errors
 /// An [`AdviceError`] if the case itself cannot be run, or its path not be planned.
@@ -112,20 +126,26 @@ pub fn advise(case: &Case, task: Option<&Task>, wanted: f64) -> Result<Advice, A
         None => case.clone(),
     };
     let before = run(&given, Keep::Nothing)?.verdict;
-    let advisor = Advisor { given: &given, task, wanted, cause: before.cause.kind, cycle: given.cycle() };
-    let mut refused = Vec::new();
-    let mut found = Vec::new();
+    let advisor = Advisor { given: &given, task, wanted, cycle: given.cycle() };
+    let (mut refused, mut found, mut short) = (Vec::new(), Vec::new(), Vec::new());
     for kind in
         [RemedyKind::Slower, RemedyKind::Turned, RemedyKind::OtherGrip, RemedyKind::HigherArc, RemedyKind::StrutLimits]
     {
         match advisor.remedy(kind)? {
             Ok(remedy) => found.push(remedy),
-            Err(reason) => refused.push(format!("{}: {reason}", kind.name())),
+            Err(Refusal::Useless(reason)) => refused.push(format!("{}: {reason}", kind.name())),
+            Err(Refusal::Short(reached)) => {
+                let Reached { what, margin, cause } = &reached;
+                let margin = significant(*margin, 3);
+                refused.push(format!("{}: {what}: the margin is {margin}, that of the {cause}", kind.name()));
+                short.push(reached);
+            }
         }
     }
+    let best = short.into_iter().max_by(|a, b| a.margin.total_cmp(&b.margin)).filter(|_| found.is_empty());
     found.sort_by(|a, b| a.cost.unwrap_or(1.0 - a.speed).total_cmp(&b.cost.unwrap_or(1.0 - b.speed)));
     found.truncate(BEST);
-    Ok(Advice { before, wanted, remedies: found, refused })
+    Ok(Advice { before, wanted, remedies: found, refused, best })
 }
 
 /// A case whose motion is the plan of `task`, with the believed payload of the case.
@@ -156,12 +176,23 @@ struct Advisor<'a> {
     given: &'a Case,
     task: Option<&'a Task>,
     wanted: f64,
-    cause: CauseKind,
     cycle: Option<f64>,
 }
 
+/// Why a remedy does not help.
+enum Refusal {
+    /// It does not apply, or changes nothing for the better.
+    Useless(String),
+    /// The margin stays too small.
+    Short(Reached),
+}
+
 /// A remedy, or why it does not help.
-type Tried = Result<Remedy, String>;
+type Tried = Result<Remedy, Refusal>;
+
+fn useless(reason: &str) -> Tried {
+    Err(Refusal::Useless(reason.into()))
+}
 
 impl Advisor<'_> {
     fn remedy(&self, kind: RemedyKind) -> Result<Tried, AdviceError> {
@@ -174,22 +205,30 @@ impl Advisor<'_> {
         }
     }
 
-    /// Excess of a case over what is wanted: of its margin against the cause of the failure over the wanted one, and of
-    /// its other margins over zero.
-    fn excess(&self, case: &Case) -> Result<f64, AdviceError> {
-        let motion = case.motion()?;
-        let margins = margins_of(case, &motion)?.0.sorted();
-        let over = |m: &Margin| if m.cause.kind == self.cause { m.value - self.wanted } else { m.value };
-        Ok(margins.iter().map(over).fold(f64::INFINITY, f64::min))
+    /// Least margin of a case over all causes, with the change that makes the case.
+    fn least(&self, what: &str, case: &Case) -> Result<Reached, AdviceError> {
+        let margins = margins_of(case, &case.motion()?)?.0.sorted();
+        let (margin, cause) = margins.first().map_or((1.0, "motion".into()), |m| {
+            let cause = &m.cause;
+            (m.value, format!("{} ({})", cause.kind.name(), cause.part))
+        });
+        Ok(Reached { what: what.into(), margin, cause })
+    }
+
+    /// Least margin of a case over all causes.
+    fn margin(&self, case: &Case) -> Result<f64, AdviceError> {
+        Ok(self.least("", case)?.margin)
     }
 
     /// The remedy of a changed case at the highest speed that reaches the wanted margin.
     fn with_speed(&self, kind: RemedyKind, what: String, case: &Case) -> Result<Tried, AdviceError> {
-        let reaches = |speed: f64| Ok::<bool, AdviceError>(self.excess(&slower(case, speed))? >= 0.0);
+        let reaches = |speed: f64| Ok::<bool, AdviceError>(self.margin(&slower(case, speed))? >= self.wanted);
+        let at =
+            |speed: f64| if speed < 1.0 { format!("{what}, {:.0} % of the speed", 1e2 * speed) } else { what.clone() };
         let mut speed = 1.0;
         if !reaches(1.0)? {
             if !reaches(SLOWEST)? {
-                return Ok(Err(format!("even at {:.0} % of the speed the margin is too small", 1e2 * SLOWEST)));
+                return Ok(Err(Refusal::Short(self.least(&at(SLOWEST), &slower(case, SLOWEST))?)));
             }
             let mut fast = 1.0;
             speed = SLOWEST;
@@ -198,9 +237,13 @@ impl Advisor<'_> {
                 *if reaches(middle)? { &mut speed } else { &mut fast } = middle;
             }
         }
-        let case = slower(case, speed);
+        let (what, case) = (at(speed), slower(case, speed));
         let verdict = run(&case, Keep::Nothing)?.verdict;
-        let what = if speed < 1.0 { format!("{what}, {:.0} % of the speed", 1e2 * speed) } else { what };
+        // The machine with its limits may show what the margins do not.
+        if !verdict.survived || verdict.margin < self.wanted {
+            let cause = format!("{} ({})", verdict.cause.kind.name(), verdict.cause.part);
+            return Ok(Err(Refusal::Short(Reached { what, margin: verdict.margin, cause })));
+        }
         let cost = self.cycle.zip(verdict.cycle).map(|(before, after)| 1.0 - before / after);
         Ok(Ok(Remedy { kind, what, speed, cost, verdict, case }))
     }
@@ -209,18 +252,17 @@ impl Advisor<'_> {
     fn mildest(&self, kind: RemedyKind, cases: impl IntoIterator<Item = (String, Case)>) -> Result<Tried, AdviceError> {
         let mut best: Option<(f64, String, Case)> = None;
         for (what, case) in cases {
-            let excess = self.excess(&case)?;
-            let enough = excess >= 0.0;
-            if best.as_ref().is_none_or(|(most, ..)| excess > *most) {
-                best = Some((excess, what, case));
+            let margin = self.margin(&case)?;
+            if best.as_ref().is_none_or(|(most, ..)| margin > *most) {
+                best = Some((margin, what, case));
             }
-            if enough {
+            if margin >= self.wanted {
                 break;
             }
         }
-        let Some((excess, what, case)) = best else { return Ok(Err("it does not apply to this motion".into())) };
-        if excess <= self.excess(self.given)? {
-            return Ok(Err("it gives no margin".into()));
+        let Some((margin, what, case)) = best else { return Ok(useless("it does not apply to this motion")) };
+        if margin <= self.margin(self.given)? {
+            return Ok(useless("it gives no margin"));
         }
         self.with_speed(kind, what, &case)
     }
@@ -229,7 +271,7 @@ impl Advisor<'_> {
     fn turned(&self) -> Result<Tried, AdviceError> {
         let payload = &self.given.scenario.setup.payload;
         if payload.mass <= 0.0 || payload.com.xy().norm() <= 0.0 {
-            return Ok(Err("the payload hangs centred: turning it changes nothing".into()));
+            return Ok(useless("the payload hangs centred: turning it changes nothing"));
         }
         let angles = (1..TURNS).map(|k| {
             // By growing magnitude, to both sides: +15°, −15°, +30°, …
@@ -253,7 +295,7 @@ impl Advisor<'_> {
         let payload = &self.given.scenario.setup.payload;
         let offset = payload.com.xy();
         if payload.mass <= 0.0 || offset.norm() <= 0.0 {
-            return Ok(Err("the payload hangs centred".into()));
+            return Ok(useless("the payload hangs centred"));
         }
         let at = |share: f64| {
             let mut case = self.given.clone();
@@ -271,11 +313,11 @@ impl Advisor<'_> {
             case
         };
         let mut share = 1.0;
-        if self.excess(&at(1.0))? >= 0.0 {
+        if self.margin(&at(1.0))? >= self.wanted {
             let mut none = 0.0;
             while share - none > RESOLUTION {
                 let middle = 0.5 * (share + none);
-                *if self.excess(&at(middle))? >= 0.0 { &mut share } else { &mut none } = middle;
+                *if self.margin(&at(middle))? >= self.wanted { &mut share } else { &mut none } = middle;
             }
         }
         // Adding zero removes the sign of a zero.
@@ -320,20 +362,25 @@ impl Advisor<'_> {
     /// The motion planned within the loosest strut limits that suffice.
     fn limited(&self) -> Result<Tried, AdviceError> {
         let Some(task) = self.task else {
-            return Ok(Err("the motion is not planned; `plan` needs a path file".into()));
+            return Ok(useless("the motion is not planned; `plan` needs a path file"));
         };
         let mut limit = (1.0 - self.wanted) * self.given.model.sockets.dislocation_force;
+        let mut best: Option<Reached> = None;
         for _ in 0..LIMIT_TRIES {
             let mut task = task.clone();
             (task.limits.strut_upper, task.limits.strut_lower) = (limit, limit);
             let Ok(case) = planned(self.given, &task) else { break };
-            if self.excess(&case)? >= 0.0 {
-                let what = format!("planned with strut forces up to {limit:.0} N, less its margin");
+            let what = format!("planned with strut forces up to {limit:.0} N, less its margin");
+            let reached = self.least(&what, &case)?;
+            if reached.margin >= self.wanted {
                 return self.with_speed(RemedyKind::StrutLimits, what, &case);
+            }
+            if best.as_ref().is_none_or(|b| reached.margin > b.margin) {
+                best = Some(reached);
             }
             limit *= LIMIT_STEP;
         }
-        Ok(Err("no plan within strut limits reaches the margin".into()))
+        Ok(best.map_or_else(|| useless("no motion within such limits"), |best| Err(Refusal::Short(best))))
     }
 }
 

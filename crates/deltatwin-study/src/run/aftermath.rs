@@ -1,10 +1,10 @@
 //! What happens from a failure on: order of the sockets, touchdowns.
 
-use deltatwin::machine::bodies::PLATFORM;
+use deltatwin::machine::bodies::{END_EFFECTOR, PLATFORM};
 use deltatwin::scenario::Scenario;
 use deltatwin::twin::{ContactBody, Impact, Report};
 
-use super::AFTER_LANDING;
+use super::AFTERMATH;
 use super::clearance::picked;
 use super::verdict::{Cause, Step, Touchdown};
 
@@ -18,11 +18,23 @@ pub struct Aftermath<'a> {
 }
 
 impl<'a> Aftermath<'a> {
-    /// What `report` of a run of `scenario` shows until `end` (s).
-    pub fn new(report: &'a Report, scenario: &Scenario, end: f64) -> Self {
+    /// What `report` of a run of `scenario` shows until `end` (s): a broken robot is followed for [`AFTERMATH`], and for
+    /// `after_landing` (s) once its load has landed.
+    pub fn new(report: &'a Report, scenario: &Scenario, (end, after_landing): (f64, f64)) -> Self {
         let objects = scenario.objects.len();
-        let landed = report.landing(objects).map_or(f64::INFINITY, |impact| impact.t + AFTER_LANDING);
-        Self { report, end: end.min(landed), objects, picked: picked(scenario) }
+        let landed = report.landing(objects).map_or(f64::INFINITY, |impact| impact.t + after_landing);
+        let broken = report.dislocations.first().map_or(f64::INFINITY, |d| d.t + AFTERMATH);
+        Self { report, end: end.min(landed).min(broken), objects, picked: picked(scenario) }
+    }
+
+    /// When the first socket left, s; infinite if none did.
+    pub fn broken(&self) -> f64 {
+        self.report.dislocations.first().filter(|d| d.t <= self.end).map_or(f64::INFINITY, |d| d.t)
+    }
+
+    /// Whether `t` (s) is within what the run shows.
+    pub fn covers(&self, t: f64) -> bool {
+        t <= self.end
     }
 
     /// Sockets that left, in order, with their times (s).
@@ -42,12 +54,13 @@ impl<'a> Aftermath<'a> {
         impacts.filter(|i| is_robot(i.link) && unwanted(i.other)).min_by(|a, b| a.t.total_cmp(&b.t))
     }
 
-    /// Where the platform lands.
+    /// Where the platform lands, itself or with the end effector that is fixed to it and carries the payload.
     pub fn platform(&self) -> Option<Touchdown> {
         let broken = self.report.dislocations.first()?.t;
-        let on_object = |i: &&Impact| matches!(i.other, ContactBody::Object(object) if object < self.objects);
-        let impacts = self.report.impacts.iter().filter(|i| i.t >= broken).filter(on_object);
-        self.touchdown(impacts.filter(|i| i.link == ContactBody::Link(PLATFORM)).min_by(|a, b| a.t.total_cmp(&b.t)))
+        let is_plate = |body: ContactBody| matches!(body, ContactBody::Link(PLATFORM | END_EFFECTOR));
+        let is_object = |body: ContactBody| matches!(body, ContactBody::Object(object) if object < self.objects);
+        let mut impacts = self.report.impacts.iter().filter(|i| i.t >= broken);
+        self.touchdown(impacts.find(|i| is_plate(i.link) && is_object(i.other)))
     }
 
     /// Where the end effector with its payload, or the held object, lands.

@@ -24,7 +24,11 @@ pub fn row(case: &Case, verdict: &Verdict) -> Fmea {
         cause: cause(case, verdict),
         local: local(verdict),
         end: end(verdict),
-        detection: noticed.map_or_else(|| "nothing notices it".into(), |n| n.what.clone()),
+        detection: match noticed {
+            None => "nothing notices it".into(),
+            Some(n) if n.lead.is_none() => format!("only afterwards: {}", n.what),
+            Some(n) => n.what.clone(),
+        },
         lead: noticed.and_then(|n| n.lead),
     }
 }
@@ -71,6 +75,9 @@ fn cause(case: &Case, verdict: &Verdict) -> String {
         kind => format!("{} of {}: {:.0} % of the limit needed", kind.name(), verdict.cause.part, 1e2 * (1.0 - margin)),
     };
     reasons.push(load);
+    if let Some(limit) = verdict.limit.as_ref().filter(|limit| limit.kind != verdict.cause.kind) {
+        reasons.push(format!("{} of {} at its limit from {:.4} s on", limit.kind.name(), limit.part, limit.time));
+    }
     reasons.join("; ")
 }
 
@@ -115,7 +122,9 @@ fn end(verdict: &Verdict) -> String {
     let falls = verdict.platform.is_some() || verdict.payload.is_some();
     let fate = if falls { "falls" } else { "hangs loose" };
     let mut parts = vec![format!("{} of {SOCKETS} sockets open, the platform {fate}", verdict.opened.len())];
-    parts.extend(land("the platform", &verdict.platform));
+    // A payload on the flange lands with the platform.
+    let with_it = |at: &&Touchdown| verdict.payload.as_ref().is_none_or(|payload| payload.time != at.time);
+    parts.extend(land("the platform", &verdict.platform.as_ref().filter(with_it).cloned()));
     parts.extend(land("the payload", &verdict.payload));
     parts.join("; ")
 }

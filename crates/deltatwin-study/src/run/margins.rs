@@ -1,7 +1,8 @@
 //! Margins of a run against every kind of cause.
 //!
-//! They are those of the *unlimited* machine: sockets that cannot open, drives that give any torque, no supervision. Up
-//! to the first failure it behaves exactly like the real one, and beyond it the margins continue to fall.
+//! They are those of the *unlimited* machine: sockets that cannot open, drives that give any torque, no supervision, no
+//! contacts. Up to the first limit it behaves exactly like the real one, and beyond it the margins continue to fall.
+//! Where the real one meets an object or saturates a drive and stays whole, its own loads replace them.
 
 use deltatwin::kinematics::Target;
 use deltatwin::kinematics::motion::SOCKETS;
@@ -13,6 +14,9 @@ use deltatwin::twin::{Clamps, Sample};
 use nalgebra::Vector3;
 
 use super::verdict::{Cause, CauseKind, Margin};
+
+/// Kinds of causes whose margins are taken from the run with contacts and limited drives where it differs.
+pub const LOADS: &[CauseKind] = &[CauseKind::Socket, CauseKind::Trip, CauseKind::Following];
 
 /// The margin against one cause along a run, at its least so far.
 struct Least {
@@ -49,16 +53,22 @@ impl Margins {
         }
     }
 
+    /// Forgets the margins against some kinds of cause.
+    pub fn forget(&mut self, kinds: &[CauseKind]) {
+        self.found.retain(|least| !kinds.contains(&least.margin.cause.kind));
+    }
+
     /// First time with a negative margin against a kind of cause, s, and the part.
     pub fn crossed(&self, kind: CauseKind) -> Option<(f64, &str)> {
         let (time, part) = self.found.iter().find(|l| l.margin.cause.kind == kind)?.crossed.as_ref()?;
         Some((*time, part))
     }
 
-    /// The cause whose margin was negative first.
+    /// The cause whose margin was negative first, of those that end a motion: a drive at its limit need not.
     pub fn first_crossing(&self) -> Option<Cause> {
         let all = CauseKind::ALL
             .iter()
+            .filter(|kind| **kind != CauseKind::Torque)
             .filter_map(|&kind| self.crossed(kind).map(|(time, part)| Cause { kind, part: part.into(), time }));
         all.min_by(|a, b| a.time.total_cmp(&b.time))
     }
@@ -79,32 +89,38 @@ impl Margins {
     pub fn follow(&mut self, model: &Model, clamps: &Clamps, supervision: &Supervision, trace: &[Sample]) {
         let machine = model.mechanism;
         let (axes, arms) = (machine.axes(), machine.arms());
-        let axis = |i: usize| move || format!("axis {}", i + 1);
+        self.loads(model, clamps, supervision, trace);
         for sample in trace {
             let t = sample.t;
             for i in 0..axes {
                 let drive = &model.drives[i];
-                self.see(CauseKind::Torque, t, 1.0 - sample.torque[i].abs() / drive.max_torque, axis(i));
-                self.see(CauseKind::Speed, t, 1.0 - sample.rate[i].abs() / drive.max_speed, axis(i));
+                self.see(CauseKind::Torque, t, 1.0 - sample.torque[i].abs() / drive.max_torque, || axis(i));
+                self.see(CauseKind::Speed, t, 1.0 - sample.rate[i].abs() / drive.max_speed, || axis(i));
             }
             for i in 0..arms {
                 let range = inside(sample.q[i], model.geometry.arm_limits);
                 self.see(CauseKind::Workspace, t, range, || format!("arm {}", i + 1));
-                if let Some(limit) = supervision.torque {
-                    self.see(CauseKind::Trip, t, 1.0 - sample.feedback[i].abs() / limit, axis(i));
-                }
-                if let Some(limit) = supervision.tracking {
-                    self.see(CauseKind::Following, t, 1.0 - sample.error[i].abs() / limit, axis(i));
-                }
             }
-            if !model.assembled {
-                continue;
-            }
-            if model.geometry.has_telescope() {
+            if model.assembled && model.geometry.has_telescope() {
                 let range = inside(sample.telescope, model.geometry.telescope_limits);
                 self.see(CauseKind::Telescope, t, range, || "telescope".into());
             }
-            for s in 0..SOCKETS {
+        }
+    }
+
+    /// Takes what contacts and saturated drives change into account: [`LOADS`].
+    pub fn loads(&mut self, model: &Model, clamps: &Clamps, supervision: &Supervision, trace: &[Sample]) {
+        for sample in trace {
+            let t = sample.t;
+            for i in 0..model.mechanism.arms() {
+                if let Some(limit) = supervision.torque {
+                    self.see(CauseKind::Trip, t, 1.0 - sample.feedback[i].abs() / limit, || axis(i));
+                }
+                if let Some(limit) = supervision.tracking {
+                    self.see(CauseKind::Following, t, 1.0 - sample.error[i].abs() / limit, || axis(i));
+                }
+            }
+            for s in (0..SOCKETS).filter(|_| model.assembled) {
                 let value = sample.margin[s] / holding(model, clamps, s);
                 self.see(CauseKind::Socket, t, value, || socket_name(s));
             }
@@ -124,6 +140,11 @@ impl Margins {
             }
         }
     }
+}
+
+/// Name of an axis.
+fn axis(i: usize) -> String {
+    format!("axis {}", i + 1)
 }
 
 /// Distance of `value` from the nearer of two limits, relative to half of the range; 1 in its middle.

@@ -1,8 +1,9 @@
 //! One run of the twin: its verdict, the cause of a failure, and what follows.
 //!
 //! A [`Case`] is run twice where that is needed. The *unlimited* machine (sockets that cannot open, drives that give any
-//! torque, no supervision) gives the margins, which continue beyond the limits. Where one is negative, the machine with
-//! its limits gives the sequence of what happens. A run is a function of its case, bit by bit.
+//! torque, no supervision, no contacts) gives the margins, which continue beyond the limits. Where one is negative, the
+//! machine with its limits gives the sequence of what happens, and the loads on its sockets if a contact or a saturated
+//! drive changes them. A run is a function of its case, bit by bit.
 
 pub mod advise;
 mod aftermath;
@@ -23,9 +24,9 @@ pub use verdict::{Cause, CauseKind, FOLLOWS, Fmea, Hand, Margin, Notice, Step, T
 
 use std::path::PathBuf;
 
-use deltatwin::cell::CellError;
 use deltatwin::dynamics::Plant;
 use deltatwin::kinematics::motion::SOCKETS;
+use deltatwin::machine::Sockets;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::scenario::motion::MotionError;
@@ -37,7 +38,7 @@ use deltatwin::twin::{
 use thiserror::Error;
 
 use aftermath::Aftermath;
-use margins::{Margins, holding};
+use margins::{LOADS, Margins, holding};
 
 /// A machine, its controller's model and what they do.
 #[derive(Clone)]
@@ -50,6 +51,10 @@ pub struct Case {
     pub scenario: Scenario,
     /// Folder to which the file names of the scenario are relative.
     pub base: PathBuf,
+    /// Time for which a broken robot is followed on once its load has landed, s; [`AFTER_LANDING`] unless stated.
+    pub after_landing: f64,
+    /// Ball sockets as their thresholds are set at the machine, whatever their true hold.
+    pub nominal: Sockets,
 }
 
 /// What a run leaves besides its verdict.
@@ -110,7 +115,7 @@ pub enum RunError {
 const FRAME: f64 = 0.01;
 /// Simulated time after a failure, s: long enough for a fall from half a metre.
 pub const AFTERMATH: f64 = 0.6;
-/// Simulated time after the load has landed, s.
+/// Simulated time after the load has landed, s, where a study states none.
 pub const AFTER_LANDING: f64 = 0.05;
 /// Simulated time after the end of a motion in which it settles, s.
 const AFTER_MOTION: f64 = 0.1;
@@ -134,7 +139,7 @@ impl Case {
         // A recording is that of `simulate`; a verdict needs less.
         if keep == Keep::Nothing {
             options.contact_steps = CONTACT_STEPS;
-            options.after_landing = Some(AFTER_LANDING);
+            options.after_landing = Some(self.after_landing);
         }
         options.frames = (keep == Keep::Recording).then_some(FRAME);
         options
@@ -207,17 +212,20 @@ struct Simulated {
 
 /// Runs `machine` in place of the case's own.
 ///
-/// One step per sample resolves most motions; the steps of the scenario are used where work and energy disagree.
+/// One step per sample resolves most motions: where the scenario states no steps, its default is used only where work and
+/// energy disagree.
 fn simulated(
     case: &Case,
     motion: &DesiredMotion,
     machine: &Model,
     options: &Options,
 ) -> Result<Simulated, SimulationError> {
+    if case.scenario.substeps.is_some() {
+        return simulated_with(case, motion, machine, options);
+    }
     let once = simulated_with(case, motion, machine, &Options { substeps: 1, ..options.clone() });
     match once {
         Ok(run) if run.report.energy_closes() => Ok(run),
-        once if options.substeps == 1 => once,
         _ => simulated_with(case, motion, machine, options),
     }
 }
@@ -308,27 +316,27 @@ fn is_fatal(error: &SimulationError) -> bool {
 /// A [`RunError`] if the case cannot be run at all. A motion beyond the workspace is an answer, not an error.
 pub fn run(case: &Case, keep: Keep) -> Result<Outcome, RunError> {
     let motion = case.motion()?;
-    let (mut margins, trace, report) = margins_of(case, &motion)?;
+    let (margins, trace, report) = margins_of(case, &motion)?;
     let mut options = case.options(Keep::Nothing);
     let crossed = margins.first_crossing();
     // A motion that leaves workspace or speed limits is refused by the controller.
     let refused = [CauseKind::Workspace, CauseKind::Telescope, CauseKind::Speed];
     let refused = crossed.as_ref().is_some_and(|c| refused.contains(&c.kind)) || trace.is_empty();
-    let end = crossed.as_ref().map_or(case.scenario.duration, |c| c.time + AFTERMATH);
-    options.duration = end;
+    options.duration = crossed.as_ref().map_or(case.scenario.duration, |c| c.time + AFTERMATH);
+    if margins.crossed(CauseKind::Torque).is_some() {
+        // Whether a drive that saturates finishes shows at the end.
+        options.duration = options.duration.max(case.scenario.duration);
+    }
     let mut limited = None;
     if !refused && margins.least() < CLOSE {
         match simulated(case, &motion, &case.model, &options) {
             Ok(Simulated { failure: Some(source), .. }) if is_fatal(&source) => return Err(case.failed(source)),
             Ok(run) => limited = Some(run),
-            Err(SimulationError::Cell { reason: CellError::Overlap { link, other, depth }, .. }) => {
-                margins.see(CauseKind::Contact, 0.0, -depth / CLEAR, || format!("{link} at {other}"));
-            }
             Err(source) => return Err(case.failed(source)),
         }
     }
-    let shown = limited.as_ref().map_or(&report, |run| &run.report);
-    let verdict = judge(case, &motion, margins, (&trace, shown, end, limited.is_some()));
+    let end = options.duration;
+    let verdict = judge(case, &motion, margins, Seen { trace: &trace, free: &report, limited: limited.as_ref(), end });
     if keep == Keep::Recording && !refused {
         let options = Options { duration: end.max(case.scenario.duration), ..case.options(keep) };
         if let Ok(run) = simulated_with(case, &motion, &case.model, &options) {
@@ -339,85 +347,148 @@ pub fn run(case: &Case, keep: Keep) -> Result<Outcome, RunError> {
     Ok(Outcome { verdict, recording: None, report, options })
 }
 
-/// The verdict from the margins, the `trace` of the unlimited machine, and the report of the machine with its limits
-/// until `end` (s), if it was run.
-fn judge(
-    case: &Case,
-    motion: &DesiredMotion,
-    mut margins: Margins,
-    (trace, report, end, was_run): (&[Sample], &Report, f64, bool),
-) -> Verdict {
-    let scenario = &case.scenario;
-    let clamps = case.clamps();
-    let after = Aftermath::new(report, scenario, end);
-    let opened = if was_run { after.opened() } else { Vec::new() };
-    let mut failures: Vec<Cause> = Vec::new();
-    if was_run {
-        if let Some(&(time, socket)) = opened.first() {
-            failures.push(Cause { kind: CauseKind::Socket, part: socket_name(socket), time });
-        }
-        if let Some(impact) = after.collision() {
-            let part = impact.names.join(" at ");
-            failures.push(Cause { kind: CauseKind::Contact, part, time: impact.t });
-        }
-        if let Some((time, cause)) = report.trip.filter(|(t, _)| *t <= end) {
-            let of = |kind, axis: usize| Some(Cause { kind, part: format!("axis {}", axis + 1), time });
-            failures.extend(match cause {
-                TripCause::Socket => None,
-                TripCause::Torque(axis) => of(CauseKind::Trip, axis),
-                TripCause::Tracking(axis) => of(CauseKind::Following, axis),
-            });
-        }
+/// What the runs of a case show.
+struct Seen<'a> {
+    /// Samples of the unlimited machine.
+    trace: &'a [Sample],
+    /// Report of the unlimited machine.
+    free: &'a Report,
+    /// The machine with its limits, if it was run.
+    limited: Option<&'a Simulated>,
+    /// End of its run, s.
+    end: f64,
+}
+
+/// Events of the machine with its limits that end its motion, in no order.
+fn events(after: &Aftermath, report: &Report) -> Vec<Cause> {
+    let mut events = Vec::new();
+    if let Some(&(time, socket)) = after.opened().first() {
+        events.push(Cause { kind: CauseKind::Socket, part: socket_name(socket), time });
     }
+    if let Some(impact) = after.collision() {
+        events.push(Cause { kind: CauseKind::Contact, part: impact.names.join(" at "), time: impact.t });
+    }
+    if let Some((time, cause)) = report.trip.filter(|(t, _)| after.covers(*t)) {
+        let of = |kind, axis: usize| Some(Cause { kind, part: format!("axis {}", axis + 1), time });
+        events.extend(match cause {
+            TripCause::Socket => None,
+            TripCause::Torque(axis) => of(CauseKind::Trip, axis),
+            TripCause::Tracking(axis) => of(CauseKind::Following, axis),
+        });
+    }
+    events
+}
+
+/// Difference between desired and measured position at the end of a run up to which a motion with saturated drives counts
+/// as finished, rad (m on a prismatic axis): the customary threshold of a following error.
+const FINISHED: f64 = supervision::ERROR;
+
+/// Takes the loads of the machine with its limits where contacts or saturated drives change them, and returns the samples
+/// until its first dislocation; `None` where it is the unlimited one up to there.
+fn changed<'a>(margins: &mut Margins, case: &Case, (after, trace): (&Aftermath, &'a [Sample])) -> Option<&'a [Sample]> {
+    let broken = after.broken();
+    let collision = after.collision().map_or(f64::INFINITY, |impact| impact.t);
+    let saturated = margins.crossed(CauseKind::Torque).map_or(f64::INFINITY, |(time, _)| time);
+    if collision.min(saturated) >= broken.min(f64::MAX) {
+        return None;
+    }
+    let until = &trace[..trace.partition_point(|sample| sample.t < broken)];
+    if broken.is_finite() {
+        // Beyond the limit the unlimited machine shows how far.
+        margins.loads(&case.model, &case.clamps(), &case.scenario.supervision, until);
+        return Some(until);
+    }
+    margins.forget(LOADS);
+    margins.loads(&case.model, &case.clamps(), &case.scenario.supervision, until);
+    if collision.is_infinite() && margins.crossed(CauseKind::Contact).is_some() {
+        margins.forget(&[CauseKind::Contact]);
+        clearance::follow(margins, &case.plant(), &case.scenario, until);
+    }
+    Some(until)
+}
+
+/// The failures of a run in order of time, and the first limit it reached; completes `margins` by the events of the machine
+/// with its limits.
+fn failures(margins: &mut Margins, mut failures: Vec<Cause>, finished: bool) -> (Vec<Cause>, Option<Cause>) {
     // What the machine with its limits shows is at least barely beyond a limit.
-    let intact = margins.first_crossing().is_none();
     for cause in &failures {
-        if intact || margins.crossed(cause.kind).is_none() && cause.kind == CauseKind::Contact {
+        if margins.crossed(cause.kind).is_none() {
             margins.see(cause.kind, cause.time, -BARELY, || cause.part.clone());
         }
     }
+    let mut limits = failures.clone();
     for kind in CauseKind::ALL {
         if failures.iter().all(|f| f.kind != kind)
             && let Some((time, part)) = margins.crossed(kind)
         {
-            failures.push(Cause { kind, part: part.into(), time });
+            let cause = Cause { kind, part: part.into(), time };
+            limits.push(cause.clone());
+            // A drive at its limit breaks nothing by itself.
+            if kind != CauseKind::Torque || !finished {
+                failures.push(cause);
+            }
         }
     }
-    failures.sort_by(|a, b| a.time.total_cmp(&b.time).then(a.kind.cmp(&b.kind)));
+    let order = |a: &Cause, b: &Cause| a.time.total_cmp(&b.time).then(a.kind.cmp(&b.kind));
+    failures.sort_by(order);
+    (failures, limits.into_iter().min_by(order))
+}
+
+/// The verdict from the margins of the unlimited machine and what the runs show.
+fn judge(case: &Case, motion: &DesiredMotion, mut margins: Margins, seen: Seen) -> Verdict {
+    let scenario = &case.scenario;
+    let clamps = case.clamps();
+    let report = seen.limited.map_or(seen.free, |run| &run.report);
+    let after = Aftermath::new(report, scenario, (seen.end, case.after_landing));
+    let was_run = seen.limited.is_some();
+    let (mut found, mut finished, mut real) = (Vec::new(), true, None);
+    if was_run {
+        found = events(&after, report);
+        let error =
+            |x: &Sample| x.error[..case.model.mechanism.axes()].iter().fold(0.0, |most: f64, e| most.max(e.abs()));
+        // A machine that tripped or broke has failed of that, not of a drive at its limit.
+        finished = !found.is_empty() || report.trace.last().is_some_and(|last| error(last) <= FINISHED);
+        real = changed(&mut margins, case, (&after, &report.trace));
+    }
+    let opened = if was_run { after.opened() } else { Vec::new() };
+    let (failures, limit) = failures(&mut margins, found, finished);
     let first = failures.into_iter().next();
     let sorted = margins.sorted();
     let nothing = || Cause { kind: CauseKind::Workspace, part: "motion".into(), time: 0.0 };
     let cause = first.clone().or_else(|| sorted.first().map(|m| m.cause.clone())).unwrap_or_else(nothing);
     let time = first.map(|cause| cause.time);
-    let weakest = |s: usize| trace.iter().map(|x| x.margin[s]).fold(f64::INFINITY, f64::min);
-    let assembled = case.model.assembled && !trace.is_empty();
+    let margin = sorted.iter().find(|m| m.cause.kind == cause.kind).map_or(1.0, |m| m.value);
+    let trace = real.unwrap_or(seen.trace);
+    let weakest = |s: usize| {
+        let left =
+            if opened.iter().any(|(_, socket)| *socket == s) && real.is_some() { -BARELY } else { f64::INFINITY };
+        let least = trace.iter().map(|x| x.margin[s]).fold(f64::INFINITY, f64::min);
+        (least / holding(&case.model, &clamps, s)).min(left)
+    };
+    let assembled = case.model.assembled && !seen.trace.is_empty();
     let force = |x: &Sample| x.strut_force.iter().flatten().fold(0.0, |most: f64, f| most.max(f.abs()));
     let hold = case.model.sockets.dislocation_force;
     let mut verdict = Verdict {
         survived: time.is_none(),
-        margin: sorted.first().map_or(1.0, |m| m.value),
+        margin: if time.is_none() { margin.max(0.0) } else { margin },
         margins: sorted,
-        sockets: if assembled {
-            (0..SOCKETS).map(|s| weakest(s) / holding(&case.model, &clamps, s)).collect()
-        } else {
-            Vec::new()
-        },
+        sockets: if assembled { (0..SOCKETS).map(weakest).collect() } else { Vec::new() },
         sequence: if time.is_some() { after.sequence(&cause) } else { Vec::new() },
         energy: report.dislocations.first().filter(|_| was_run && !opened.is_empty()).map(|d| d.kinetic_energy),
         platform: after.platform().filter(|_| was_run),
         payload: after.payload().filter(|_| was_run),
         opened,
         supervision: Vec::new(),
-        hand: hand::estimate(&case.plant(), motion, scenario.duration, trace, hold),
+        hand: hand::estimate(&case.plant(), motion, scenario.duration, seen.trace, hold),
         fmea: Fmea::default(),
         strut_force: trace.iter().map(force).fold(0.0, f64::max),
         cycle: case.cycle(),
         time,
+        limit,
         cause,
     };
     if let Some(failed) = time {
-        let plan = (motion, &case.believed());
-        verdict.supervision = supervision::notices(&case.model, &scenario.supervision, plan, report, failed);
+        verdict.supervision = supervision::notices(case, motion, report, failed);
     }
     verdict.fmea = fmea::row(case, &verdict);
     verdict

@@ -1,24 +1,23 @@
 //! Which supervision would have noticed a failure, and how early.
 //!
 //! Thresholds are those of the scenario where it states them; the others are customary ones: a quarter of a drive's
-//! torque as feedback, 0.02 rad (1.1°) of following error, and 80 % of the dislocation force as strut force (160 N of
-//! 200 N in the shipped models: what ABB's own cycles need).
+//! torque as feedback, 0.02 rad (1.1°) of following error, and 80 % of the nominal dislocation force as strut force
+//! (160 N of 200 N in the shipped models: what ABB's own cycles need) or, by the criterion of the sockets, a fifth of it as
+//! margin. What a plan predicts is known before the motion starts.
 
-use deltatwin::constraint_forces::{Detail, constraint_forces};
-use deltatwin::dynamics::Plant;
-use deltatwin::machine::{STRUTS, Unit};
-use deltatwin::model::Model;
-use deltatwin::scenario::{DesiredMotion, Supervision};
+use deltatwin::machine::Unit;
+use deltatwin::scenario::DesiredMotion;
 use deltatwin::text::significant;
-use deltatwin::twin::{Report, Sample, TripCause};
+use deltatwin::twin::{Clamps, Report, Sample, TripCause};
 
+use super::Case;
 use super::verdict::Notice;
 
 /// Customary threshold of the feedback torque, as a share of the drive's torque.
 const FEEDBACK: f64 = 0.25;
 /// Customary threshold of the following error, rad.
-const ERROR: f64 = 0.02;
-/// Customary threshold of strut forces, as a share of the dislocation force.
+pub const ERROR: f64 = 0.02;
+/// Customary threshold of strut forces, as a share of the nominal dislocation force.
 const STRUT: f64 = 0.8;
 /// Spacing of the check of the plan, s.
 const SPACING: f64 = 4e-3;
@@ -29,19 +28,14 @@ fn threshold(stated: Option<f64>, customary: f64) -> (f64, bool) {
 }
 
 /// All supervisions in the order in which they notice the failure at `failed` (s); those that never notice it last.
-pub fn notices(
-    model: &Model,
-    supervision: &Supervision,
-    (desired, believed): (&DesiredMotion, &Plant),
-    report: &Report,
-    failed: f64,
-) -> Vec<Notice> {
+pub fn notices(case: &Case, desired: &DesiredMotion, report: &Report, failed: f64) -> Vec<Notice> {
+    let (model, supervision) = (&case.model, &case.scenario.supervision);
     let machine = model.mechanism;
     let arms = machine.arms();
     let (torque, angle) = (machine.unit(Unit::NM), machine.unit(Unit::Rad));
     let mut out = Vec::new();
     let mut add = |what: String, stated: bool, time: Option<f64>| {
-        out.push(Notice { what, stated, time, lead: time.map(|t| failed - t) });
+        out.push(Notice { what, stated, time, lead: time.map(|t| failed - t).filter(|lead| *lead >= 0.0) });
     };
     let trace = &report.trace;
     let first = |beyond: &dyn Fn(&Sample) -> bool| trace.iter().find(|s| beyond(s)).map(|s| s.t);
@@ -58,15 +52,23 @@ pub fn notices(
         first(&|s| s.error[..arms].iter().any(|e| e.abs() > limit)),
     );
     if model.assembled {
-        let limit = STRUT * model.sockets.dislocation_force;
+        let hold = case.nominal.dislocation_force;
+        let (limit, left) = (STRUT * hold, (1.0 - STRUT) * hold);
         add(
             format!("strut force sensors above {} N", significant(limit, 3)),
             false,
             first(&|s| s.strut_force.iter().flatten().any(|f| f.abs() > limit)),
         );
-        let refused = of_the_plan(believed, desired, failed).is_some_and(|force| force > limit);
+        let plan = of_the_plan(case, desired);
+        let refused = plan.is_some_and(|plan| plan.force > limit);
         add(
             format!("strut forces of the plan above {} N, before the start", significant(limit, 3)),
+            false,
+            refused.then_some(0.0),
+        );
+        let refused = plan.is_some_and(|plan| plan.margin < left);
+        add(
+            format!("margin of a socket in the plan below {} N, before the start", significant(left, 3)),
             false,
             refused.then_some(0.0),
         );
@@ -77,18 +79,31 @@ pub fn notices(
     out
 }
 
-/// Largest strut force (N) that the controller's model predicts along the desired motion until `end` (s).
-fn of_the_plan(believed: &Plant, desired: &DesiredMotion, end: f64) -> Option<f64> {
+/// What the controller's model predicts along a desired motion.
+#[derive(Clone, Copy)]
+struct Plan {
+    /// Largest axial strut force, N.
+    force: f64,
+    /// Least margin of a nominal ball socket, N.
+    margin: f64,
+}
+
+/// The prediction for the whole motion, which is known before it starts; `None` if it cannot be planned at all.
+fn of_the_plan(case: &Case, desired: &DesiredMotion) -> Option<Plan> {
+    let (believed, clamps) = (case.believed(), Clamps::watched(&case.nominal));
+    let end = case.scenario.motion.length().unwrap_or(f64::INFINITY).min(case.scenario.duration);
     let steps = (end / SPACING).ceil().max(1.0) as usize;
-    let mut most = None;
+    let mut plan = None;
     for k in 0..=steps {
-        let Ok(joints) = desired.at(k as f64 * SPACING).joints(&believed.geometry) else { break };
-        let Ok(motion) = believed.motion(&joints) else { break };
-        let own = believed.steady_states(0.0, &motion);
-        let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
-        let Ok(loads) = constraint_forces(believed, 0.0, &motion, &states, Detail::Complete) else { break };
-        let peak = (0..STRUTS).map(|s| loads.lambda_p[s].abs().max(loads.lambda_s[s].abs())).fold(0.0, f64::max);
-        most = Some(f64::max(most.unwrap_or(0.0), peak));
+        let joints = desired.at(k as f64 * SPACING).joints(&believed.geometry);
+        let motion = joints.and_then(|joints| believed.motion(&joints));
+        let Ok((output, margins)) = motion.and_then(|motion| clamps.along(&believed, 0.0, &motion)) else { break };
+        let forces = output.reactions.upper.into_iter().chain(output.reactions.lower);
+        let Plan { force, margin } = plan.unwrap_or(Plan { force: 0.0, margin: f64::INFINITY });
+        plan = Some(Plan {
+            force: forces.map(f64::abs).fold(force, f64::max),
+            margin: margins.into_iter().fold(margin, f64::min),
+        });
     }
-    most
+    plan
 }

@@ -2,15 +2,19 @@
 
 use std::path::Path;
 
+use deltatwin::cell::Shape;
 use deltatwin::constraint_forces::{Detail, constraint_forces};
 use deltatwin::dynamics::{Plant, inertial_wrench};
 use deltatwin::kinematics::Motion;
-use deltatwin::machine::bodies::STRUT;
+use deltatwin::machine::bodies::{END_EFFECTOR, STRUT};
 use deltatwin::machine::{Payload, STRUTS};
+use deltatwin_io::outside::Access;
 use deltatwin_io::{model, scenario};
 use nalgebra::Vector3;
 
 use super::*;
+use crate::campaign::{Chunk, Value, Watch};
+use crate::conduct::Conduct;
 
 const SCENARIOS: &str = "../../scenarios";
 
@@ -18,14 +22,23 @@ const SCENARIOS: &str = "../../scenarios";
 fn case(text: &str) -> Case {
     let base = Path::new(SCENARIOS);
     let scenario = scenario::parse(text, &base.join("test.toml")).unwrap();
-    Case { model: model::read(&scenario.model).unwrap(), controller_model: None, scenario, base: base.into() }
+    let model = model::read(&scenario.model).unwrap();
+    Case {
+        nominal: model.sockets,
+        model,
+        controller_model: None,
+        scenario,
+        base: base.into(),
+        after_landing: AFTER_LANDING,
+    }
 }
 
 fn shipped(name: &str) -> Case {
     let base = Path::new(SCENARIOS);
     let scenario = scenario::read(&base.join(format!("{name}.toml"))).unwrap();
     let controller_model = scenario.controller_model.as_ref().map(|path| model::read(path).unwrap());
-    Case { model: model::read(&scenario.model).unwrap(), controller_model, scenario, base: base.into() }
+    let model = model::read(&scenario.model).unwrap();
+    Case { nominal: model.sockets, model, controller_model, scenario, base: base.into(), after_landing: AFTER_LANDING }
 }
 
 fn verdict(case: &Case) -> Verdict {
@@ -174,9 +187,39 @@ fn a_crash_is_a_contact_and_then_sockets() {
     assert!((2.0..30.0).contains(&energy), "{energy}");
     assert!(verdict.fmea.cause.contains("platform at block on the path") && verdict.fmea.end.contains("falls"));
     // Nobody looks ahead: the trip comes after the socket.
-    assert!(verdict.supervision.iter().any(|n| n.what.contains("as a socket has left") && n.lead.unwrap() < 0.0));
+    let after = |n: &Notice| n.time > verdict.time && n.lead.is_none();
+    assert!(verdict.supervision.iter().any(|n| n.what.contains("as a socket has left") && after(n)));
     let margins: Vec<_> = verdict.margins.iter().map(|m| m.cause.kind).collect();
     assert_eq!(margins[0], CauseKind::Contact);
+}
+
+/// What is watched as `what`, in words, with the time of the notice.
+fn noticed<'a>(verdict: &'a Verdict, what: &str) -> &'a Notice {
+    verdict.supervision.iter().find(|n| n.what.contains(what)).unwrap()
+}
+
+#[test]
+fn the_whole_plan_is_known_before_the_start_and_thresholds_are_nominal() {
+    // A worn cup leaves its ball early, the plan needs most later: the threshold, 0.8 · 260 N, is in between.
+    let mut case = carrying(3.0);
+    case.scenario.sockets.wear[11] = 0.75;
+    case.nominal.dislocation_force = 260.0;
+    let worn = verdict(&case);
+    let (_, force) = by_inverse_dynamics(&case);
+    let failed = worn.time.unwrap();
+    let mut early = case.clone();
+    early.scenario.duration = failed;
+    let (_, until) = by_inverse_dynamics(&early);
+    println!("fails at {failed:.3} s: plan {until:.0} N until then, {force:.0} N as a whole");
+    assert!(until < 208.0 && force > 208.0, "{until} {force}");
+    let plan = noticed(&worn, "strut forces of the plan above 208 N");
+    assert_eq!((plan.time, plan.lead), (Some(0.0), Some(failed)));
+    assert!(worn.fmea.detection.contains("plan") && worn.fmea.lead == Some(failed), "{:?}", worn.fmea);
+    // Nobody at the machine knows that the cups hold less than they should.
+    case.model.sockets.dislocation_force *= 0.4;
+    let weak = verdict(&case);
+    assert!(!weak.survived && noticed(&weak, "strut force sensors above 208 N").lead.is_none_or(|lead| lead >= 0.0));
+    assert!(weak.supervision.iter().all(|n| n.lead.is_none_or(|lead| lead >= 0.0)), "{:?}", weak.supervision);
 }
 
 #[test]
@@ -257,9 +300,20 @@ fn remedies_give_the_margin_they_promise_and_the_cheapest_comes_first() {
         // Run once more from the changed case, as a user would.
         let again = verdict(&remedy.case);
         assert_eq!(again, remedy.verdict);
-        assert!(again.survived && again.margin_of(CauseKind::Socket).unwrap() >= 0.1, "{}", remedy.what);
+        assert!(again.survived && again.margin >= 0.1, "{}", remedy.what);
         let kept = again.picks_per_minute().unwrap() / advice.before.picks_per_minute().unwrap();
         approx::assert_relative_eq!(1.0 - kept, remedy.cost.unwrap(), epsilon = 1e-12);
+    }
+    // A margin that no change gives, and one that the telescope limits: everything has what is listed.
+    let given = advice.before.margin_of(CauseKind::Telescope).unwrap();
+    for wanted in [0.95, given + 0.02] {
+        let advice = advise::advise(&case, None, wanted).unwrap();
+        println!("{wanted:.3}: {:?}", advice.refused);
+        assert!(advice.remedies.iter().all(|r| r.verdict.survived && r.verdict.margin >= wanted));
+        assert_eq!(advice.best.is_some(), advice.remedies.is_empty());
+        if let Some(best) = advice.best {
+            assert!(best.margin < wanted && best.margin > advice.before.margin, "{best:?}");
+        }
     }
     // Half the speed: the path takes twice as long and has the same places.
     let slow = advise::slower(&case, 0.5);
@@ -293,11 +347,122 @@ fn the_other_cases_fail_as_their_files_say() {
         ("collision", CauseKind::Contact, "post"),
         ("worn-socket", CauseKind::Socket, "strut 6 lower"),
         ("missing-spring", CauseKind::Socket, "strut 6 lower"),
-        ("wrong-payload", CauseKind::Torque, "axis 1"),
+        ("wrong-payload", CauseKind::Socket, "strut 3 lower"),
     ] {
         let verdict = verdict(&shipped(&format!("failures/{name}")));
         assert_eq!(verdict.cause.kind, kind, "{name}");
         assert!(verdict.cause.part.contains(part) && verdict.opened_at_once() >= 2, "{name}: {:?}", verdict.cause);
         assert!(!verdict.supervision.is_empty() && !verdict.fmea.detection.is_empty(), "{name}");
+        // The payload that is too heavy saturates a drive first, which breaks nothing by itself.
+        let limit = verdict.limit.as_ref().unwrap();
+        let saturated =
+            (limit.kind, limit.part.as_str()) == (CauseKind::Torque, "axis 1") && limit.time < verdict.cause.time;
+        assert_eq!(saturated, name == "wrong-payload", "{name}: {limit:?}");
+        assert_eq!(verdict.margin_of(kind), Some(verdict.margin));
+        // The platform lands with what it carries.
+        assert_eq!(verdict.platform.is_some(), verdict.payload.is_some(), "{name}");
+    }
+}
+
+/// Whether a socket leaves in a run of `simulate`, with its full accuracy.
+fn breaks(case: &Case) -> bool {
+    let options = Options { contacts: Some(deltatwin_cell::contacts), ..Options::of(&case.scenario, &case.model) };
+    let (machine, motion) = (case.scenario.machine(&case.model), case.motion().unwrap());
+    let setup = &case.scenario.setup;
+    let run = simulate_until_failure(&machine, setup, &case.believed(), &|t| motion.at(t), &options, &mut |_| true);
+    !run.unwrap().1.dislocations.is_empty()
+}
+
+struct Silent;
+
+impl Watch for Silent {
+    fn row(&self, _: &[Value], _: bool) {}
+
+    fn stop(&self) -> bool {
+        false
+    }
+}
+
+/// The shipped boundary study on a small crash: contacts load the sockets, and the first dislocation ends the ray.
+#[test]
+fn the_impact_speed_that_the_robot_endures_is_a_boundary() {
+    let file = Path::new(SCENARIOS).join("studies/impact.toml");
+    let folder = tempfile::tempdir().unwrap();
+    let conduct = Conduct::new(deltatwin_io::study::read(&file, Access::PLAIN).unwrap(), folder.path()).unwrap();
+    conduct.chunk(Chunk::WHOLE, &Silent).unwrap();
+    conduct.campaign.merge(Some(conduct.runs())).unwrap();
+    assert_eq!(conduct.summary().unwrap().boundary, Some((1, 0)));
+    let table = conduct.picked(&["reach", "margin_socket", "speed"]).unwrap();
+    let [reach, margin, speed] = [0, 1, 2].map(|c| table.rows[0][c].number().unwrap());
+    // Bisection with single runs of the twin.
+    let case = |scale: f64| {
+        let mut case = shipped("crash");
+        case.scenario = case.scenario.faster(scale);
+        case.scenario.supervision.tracking = Some(0.01);
+        case
+    };
+    let [mut low, mut high] = [0.15, 0.3];
+    assert!(!breaks(&case(low)) && breaks(&case(high)));
+    while high - low > 2e-3 {
+        let middle = 0.5 * (low + high);
+        *if breaks(&case(middle)) { &mut high } else { &mut low } = middle;
+    }
+    let found = 0.1 + 0.5 * reach;
+    println!("endured {:.3} m/s, by single runs {:.3} to {:.3} m/s", 2.0 * found, 2.0 * low, 2.0 * high);
+    // A hundredth of the ray.
+    assert!((low - 5e-3..high + 5e-3).contains(&found), "{found}: {low} to {high}");
+    assert!(margin <= 0.0 && (speed - found).abs() < 5e-3, "{margin} {speed}");
+    // What is endured leaves a margin, which falls with the speed and is the robot's own, with its contact.
+    let endured = [0.1, 0.15, 0.2].map(|scale| verdict(&case(scale)).margin_of(CauseKind::Socket).unwrap());
+    assert!(endured.windows(2).all(|w| w[1] < w[0]) && endured[2] > 0.0, "{endured:?}");
+}
+
+#[test]
+fn a_drive_that_saturates_and_finishes_breaks_nothing() {
+    let intact = verdict(&carrying(1.0));
+    let share = 1.0 - intact.margin_of(CauseKind::Torque).unwrap();
+    let with = |limit: f64| {
+        let mut case = carrying(1.0);
+        case.model.drives.iter_mut().for_each(|drive| drive.max_torque *= limit * share);
+        verdict(&case)
+    };
+    // At 97 % of the torque that it needs at most.
+    let saturated = with(0.97);
+    assert!(saturated.survived && saturated.margin_of(CauseKind::Torque).unwrap() < 0.0, "{saturated:?}");
+    assert_eq!((saturated.cause.kind, saturated.margin), (CauseKind::Torque, 0.0));
+    assert_eq!(saturated.limit.unwrap().kind, CauseKind::Torque);
+    assert!(intact.limit.is_none());
+}
+
+#[test]
+fn an_object_inside_the_payload_is_refused_as_by_simulate() {
+    let mut case = carrying(3.0);
+    let plant = case.plant();
+    let joints = case.motion().unwrap().at(0.0).joints(&plant.geometry).unwrap();
+    let flange = plant.motion(&joints).unwrap().bodies[END_EFFECTOR].position;
+    let mut block = shipped("crash").scenario.objects[0].clone();
+    block.shape = Shape::Box { size: Vector3::repeat(0.05) };
+    block.position = flange + case.scenario.payload_shape.as_ref().unwrap().centre;
+    case.scenario.objects = vec![block];
+    let refused = run(&case, Keep::Nothing).map(|outcome| outcome.verdict).unwrap_err().to_string();
+    assert!(refused.contains("block") && refused.contains("t = 0.0000 s"), "{refused}");
+}
+
+#[test]
+fn stated_steps_and_the_time_after_landing_count() {
+    let steps = |substeps: Option<usize>| {
+        let mut case = carrying(1.0);
+        case.scenario.substeps = substeps;
+        run(&case, Keep::Nothing).unwrap().report.steps
+    };
+    // Without a number one step per sample suffices here.
+    assert_eq!([Some(1), Some(2), Some(8)].map(steps), [1, 2, 8].map(|n| n * steps(None)));
+    let ends = |after_landing: f64| {
+        let case = Case { after_landing, ..shipped("failures/bulky-torque-limits") };
+        let outcome = run(&case, Keep::Nothing).unwrap();
+        outcome.report.simulated - outcome.verdict.payload.unwrap().time
+    };
+    for after in [0.02, AFTER_LANDING] {
+        assert!((ends(after) - after).abs() < 1e-3, "{after}: {}", ends(after));
     }
 }

@@ -69,8 +69,9 @@ pub struct Margin {
     pub cause: Cause,
     /// 1: unloaded, 0: at the limit, negative beyond it.
     ///
-    /// It is that of a machine that neither breaks nor trips and whose drives give any torque, and therefore falls
-    /// monotonically with the load also beyond the limit.
+    /// It is that of a machine that neither breaks nor trips, whose drives give any torque and that meets nothing, and
+    /// therefore falls monotonically with the load also beyond the limit. Where the real machine meets an object or
+    /// saturates a drive and keeps its sockets, those against sockets, trip and following error are the real one's.
     pub value: f64,
 }
 
@@ -107,7 +108,7 @@ pub struct Notice {
     pub stated: bool,
     /// Time of the first sample beyond the threshold, s; `None` if it was never exceeded.
     pub time: Option<f64>,
-    /// Time from there to the failure, s; negative if it is noticed afterwards only.
+    /// Time from there to the failure, s; `None` if it is noticed afterwards only, or never.
     pub lead: Option<f64>,
 }
 
@@ -141,7 +142,7 @@ pub struct Fmea {
     pub end: String,
     /// Supervision that notices it first.
     pub detection: String,
-    /// Time from there to the failure, s; negative: after it.
+    /// Time from there to the failure, s; `None` if it is noticed afterwards only, or never.
     pub lead: Option<f64>,
 }
 
@@ -152,9 +153,12 @@ pub struct Verdict {
     pub survived: bool,
     /// What failed first; of a run that survived, what came closest.
     pub cause: Cause,
+    /// First limit that was reached, which need not be the cause: a drive that saturates breaks nothing by itself.
+    pub limit: Option<Cause>,
     /// Time of the failure, s.
     pub time: Option<f64>,
-    /// Least margin over all causes, see [`Margin::value`].
+    /// Margin against the cause, see [`Margin::value`]: negative if and only if the run failed. Zero if it survived with a
+    /// drive at its limit.
     pub margin: f64,
     /// Least margin of every kind that applies to the run, least first.
     pub margins: Vec<Margin>,

@@ -102,6 +102,14 @@ pub struct Subset {
 }
 
 impl Subset {
+    /// Probabilities between which the samples without a verdict, whose margin is −∞, leave the true one: all of them hold,
+    /// all fail.
+    pub fn bounds(&self) -> [f64; 2] {
+        let unknown = self.failures.iter().filter(|sample| sample.margin == f64::NEG_INFINITY).count();
+        let known = 1.0 - unknown as f64 / self.failures.len().max(1) as f64;
+        [self.probability * known, self.probability]
+    }
+
     /// Confidence interval of the probability, symmetric in its logarithm.
     ///
     /// The coefficient of variation is itself estimated from few lineages, 1/Σ w_e² effective ones, so that the interval

@@ -69,6 +69,7 @@ impl Exam {
         let planned = format!("{plan:?} {fast_null}");
         let source = model.source.as_deref().unwrap_or_default();
         let rows = Rows {
+            name: "exam".into(),
             folder: folder.into(),
             digest: Digest::of([("exam", planned.as_bytes()), ("model", source.as_bytes())]),
             build: BUILD.into(),
@@ -107,6 +108,7 @@ impl Exam {
     /// # Errors
     /// If a campaign cannot be made, the rows cannot be kept, or the watch asks to stop.
     pub fn chunk(&self, chunk: Chunk, watch: &dyn Watch, tell: Tell) -> Result<(), RowsError> {
+        self.rows.claim()?;
         let range = chunk.range(self.runs());
         let first_fast = self.cases.len() as u64;
         let robots = self.robots(range.start.max(first_fast)..range.end).map_err(|reason| {

@@ -158,7 +158,7 @@ pub enum Grade {
     Right,
     /// One of two effects was named.
     Half,
-    /// The verdict was `none` or `unknown` although a known effect is hidden.
+    /// The verdict was `none`, `unknown` or `undecided` although an effect is hidden, or `undecided` where none is.
     Missed,
     /// Another effect was named.
     Wrong,
@@ -217,11 +217,14 @@ impl Grade {
         }
         let wrong = || {
             let certain = answer.indistinguishable.is_empty()
-                && answer.verdict != "unknown"
+                && !matches!(answer.verdict.as_str(), "unknown" | "undecided")
                 && answer.effects.first().is_some_and(|e| e.probability >= CONFIDENT);
             if certain { Self::ConfidentlyWrong } else { Self::Wrong }
         };
         let named = |name: &str| answer.effects.first().is_some_and(|e| e.name == name) || answer.in_small_set(name);
+        if answer.verdict == "undecided" && answer.effects.is_empty() {
+            return Self::Missed;
+        }
         let named_nothing = matches!(answer.verdict.as_str(), "none" | "unknown");
         match Question::of(truth) {
             Question::Nothing if answer.verdict == "none" => Self::Right,

@@ -5,21 +5,28 @@
 //! the campaigns of a [`plan::Plan`], chunk by chunk.
 
 pub mod campaign;
+#[cfg(feature = "exam")]
 pub mod conduct;
+#[cfg(feature = "exam")]
 pub mod experiment;
+#[cfg(feature = "exam")]
 pub mod figures;
 pub mod folder;
 pub mod judge;
 pub mod motion;
 pub mod noise;
 pub mod outside;
+#[cfg(feature = "exam")]
 pub mod page;
+#[cfg(feature = "exam")]
 pub mod plan;
+#[cfg(feature = "exam")]
 pub mod score;
 pub mod size;
 pub mod span;
 
 pub use campaign::{Campaign, CampaignError, Case, campaign, campaign_with, hideable, perturb};
+#[cfg(feature = "exam")]
 pub use conduct::Exam;
 pub use judge::{Answer, Grade, judge};
 pub use motion::MotionKind;

@@ -336,7 +336,7 @@ impl Score {
     /// Counts the answers about single effects, about nothing and about laws outside the library.
     fn confusion(&mut self, judged: &[Judged]) {
         let single: Vec<&Judged> = judged.iter().filter(|j| j.question != Question::Several).collect();
-        let words = [IN_A_SET, "none", "ambiguous", "unknown", "failed"];
+        let words = [IN_A_SET, "none", "ambiguous", "unknown", "undecided", "failed"];
         let (mut rows, mut names): (Vec<String>, Vec<String>) = (Vec::new(), Vec::new());
         for j in &single {
             rows.push(j.hidden());

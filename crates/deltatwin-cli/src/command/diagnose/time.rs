@@ -28,10 +28,10 @@ pub enum Allowance {
 }
 
 impl Allowance {
-    /// Limit as given by the user, or by the number of samples.
-    pub fn new(limit: Option<f64>, samples: usize) -> Self {
+    /// Limit as given by the user, from `begun` on, or by the number of samples.
+    pub fn new(begun: Instant, limit: Option<f64>, samples: usize) -> Self {
         match limit {
-            Some(seconds) => Self::Passing { begun: Instant::now(), seconds },
+            Some(seconds) => Self::Passing { begun, seconds },
             None => Self::Computing { before: computed(), seconds: (PER_SAMPLE * samples as f64).max(MIN_SECONDS) },
         }
     }

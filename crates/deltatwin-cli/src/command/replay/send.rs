@@ -6,12 +6,13 @@ use miette::{IntoDiagnostic, miette};
 use serde_json::json;
 
 use super::Args;
+use crate::broker::Given;
 use crate::terminal::{DONE, INTERRUPTED, bar, catch_interrupt, interrupted, say, warn};
 use deltatwin::machine::Mechanism;
 use deltatwin::monitoring::Sample;
 use deltatwin_io::recording;
 use deltatwin_watch::message;
-use deltatwin_watch::mqtt::{Address, Link};
+use deltatwin_watch::mqtt::Link;
 
 /// Time in which a broker must answer at the start.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -19,11 +20,12 @@ const PATIENCE: Duration = Duration::from_secs(5);
 const BETWEEN: f64 = 1.0;
 
 /// Publishes the recordings; returns the exit status.
-pub fn run(args: &Args, address: &Address, topic: &str) -> miette::Result<u8> {
+pub fn run(args: &Args, address: &Given, topic: &str) -> miette::Result<u8> {
+    let broker = args.access.broker(address)?;
     let (samples, machine) = samples(args)?;
     catch_interrupt()?;
     let id = format!("deltatwin-replay-{}", std::process::id());
-    let link = Link::open(address, &id, None, PATIENCE).into_diagnostic()?;
+    let link = Link::open(&broker, &id, None, PATIENCE).into_diagnostic()?;
     let progress = bar("replay", samples.len() as u64);
     let (start, first) = (Instant::now(), samples.first().map_or(0.0, |s| s.t));
     let mut sent = 0;
@@ -47,7 +49,10 @@ pub fn run(args: &Args, address: &Address, topic: &str) -> miette::Result<u8> {
     if args.json {
         say(json!({ "samples": sent, "messages": messages, "seconds": seconds }))?;
     } else {
-        say(format!("Sent {sent} samples in {messages} messages within {seconds:.1} s to {topic} at {address}"))?;
+        say(format!(
+            "Sent {sent} samples in {messages} messages within {seconds:.1} s to {topic} at {}",
+            broker.address
+        ))?;
     }
     Ok(if interrupted() { INTERRUPTED } else { DONE })
 }

@@ -1,11 +1,13 @@
 //! Where the samples of a run go: into its file while it lasts, and into memory if they are needed as a whole.
 
+use std::path::PathBuf;
+
 use deltatwin::machine::Setup;
 use deltatwin::recording::{Contacts, Note, Poses, Signals};
 use deltatwin::twin::origin::{contacts, note, poses};
 use deltatwin::twin::{Frame, Piece, Receiver};
 use deltatwin_io::file::WriteError;
-use deltatwin_io::recording::{Head, Recorder};
+use deltatwin_io::recording::{Head, Recorder, clear_partial};
 
 use super::Job;
 
@@ -27,6 +29,10 @@ pub struct Received {
     /// All samples and frames, if the job keeps them.
     pub signals: Signals,
     pub frames: Vec<Frame>,
+    /// The file; of a run that was interrupted it has another name if a file has that of the job.
+    pub file: Option<PathBuf>,
+    /// Whether the run was told to end before its time.
+    pub stopped: bool,
     /// Why the file was not written, if it was not.
     pub problem: Option<WriteError>,
 }
@@ -39,10 +45,21 @@ impl<'a> Receiving<'a> {
 
     /// Completes the recording.
     pub fn finish(self) -> Received {
-        let Self { recorder, mut received, .. } = self;
+        let Self { job, recorder, mut received, .. } = self;
         // After an error, the file is left as it is: it may be all there is.
-        if received.problem.is_none() {
-            received.problem = recorder.and_then(|recorder| recorder.finish().err());
+        if let Some(recorder) = recorder.filter(|_| received.problem.is_none()) {
+            let finished = match received.stopped {
+                true => recorder.finish_part().map(Some),
+                false => recorder.finish().map(|()| job.output.clone()),
+            };
+            // The same run, killed earlier, is now complete.
+            if finished.is_ok() && !received.stopped {
+                job.output.iter().for_each(|output| clear_partial(output));
+            }
+            match finished {
+                Ok(file) => received.file = file,
+                Err(problem) => received.problem = Some(problem),
+            }
         }
         received
     }
@@ -65,7 +82,8 @@ impl<'a> Receiving<'a> {
 
 impl Receiver for Receiving<'_> {
     fn progress(&mut self, t: f64) -> bool {
-        self.received.problem.is_none() && (self.progress)(t)
+        self.received.stopped |= !(self.progress)(t);
+        self.received.problem.is_none() && !self.received.stopped
     }
 
     fn piece(&mut self, piece: Piece) -> bool {

@@ -7,7 +7,7 @@ use deltatwin_io::{model, plan, scenario, study};
 use deltatwin_study::conduct::Conduct;
 use deltatwin_study::design::{Point, nominal};
 use deltatwin_study::run::advise::{Advice, Remedy, advise};
-use deltatwin_study::run::{Case, Verdict};
+use deltatwin_study::run::{AFTER_LANDING, Case, Verdict};
 use miette::{IntoDiagnostic, WrapErr};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -45,7 +45,14 @@ fn case(args: &Args) -> miette::Result<Case> {
     let machine = model::read(&scenario.model)?;
     let controller_model = scenario.controller_model.as_deref().map(model::read).transpose()?;
     let base = args.study.parent().unwrap_or(Path::new("")).to_path_buf();
-    Ok(Case { model: machine, controller_model, scenario, base })
+    Ok(Case {
+        nominal: machine.sockets,
+        model: machine,
+        controller_model,
+        scenario,
+        base,
+        after_landing: AFTER_LANDING,
+    })
 }
 
 fn state(verdict: &Verdict) -> String {
@@ -76,6 +83,18 @@ fn print(args: &Args, advice: &Advice) -> miette::Result<()> {
     }
     if !advice.remedies.is_empty() {
         say(table)?;
+    }
+    if let Some(best) = advice.best.as_ref().filter(|_| advice.before.margin < advice.wanted) {
+        say(wrapped(
+            &format!(
+                "Nothing that was tried reaches the wanted margin, {}, against every cause; the best, {}, reaches {}: {}.",
+                advice.wanted,
+                best.what,
+                significant(best.margin, 3),
+                best.cause
+            ),
+            0,
+        ))?;
     }
     for reason in &advice.refused {
         say(wrapped(&format!("no help, {reason}"), 2))?;
@@ -122,5 +141,6 @@ fn as_json(advice: &Advice) -> Value {
         "wanted": advice.wanted,
         "remedies": advice.remedies.iter().map(remedy).collect::<Vec<_>>(),
         "refused": advice.refused,
+        "best": advice.best.as_ref().map(|b| json!({ "what": b.what, "margin": b.margin, "cause": b.cause })),
     })
 }

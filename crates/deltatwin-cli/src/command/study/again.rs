@@ -77,6 +77,9 @@ fn print(args: &Args, conduct: &Conduct, remade: &Remade) -> miette::Result<()> 
         ),
         2,
     ))?;
+    if let Some(limit) = verdict.limit.as_ref().filter(|limit| limit.kind != cause.kind) {
+        say(wrapped(&format!("first limit: {} ({}) at {:.4} s", limit.kind.name(), limit.part, limit.time), 2))?;
+    }
     for step in verdict.sequence.iter().take(MOST_STEPS) {
         say(wrapped(&format!("{:9.6} s  {}", step.time, step.what), 2))?;
     }
@@ -119,6 +122,11 @@ fn as_json(args: &Args, conduct: &Conduct, remade: &Remade) -> miette::Result<()
         "part": verdict.cause.part,
         "t": verdict.cause.time,
         "margin": verdict.margin,
+        "first_limit": verdict.limit.as_ref().map(|limit| json!({
+            "cause": limit.kind.name(),
+            "part": limit.part,
+            "t": limit.time,
+        })),
         "sequence": sequence,
         "fmea": {
             "cause": verdict.fmea.cause,

@@ -19,6 +19,7 @@ use deltatwin_study::conduct::{Conduct, Summary};
 use deltatwin_study::statistics::{Ended, Subset, wilson};
 use miette::{IntoDiagnostic, WrapErr};
 
+use super::told::without_verdict;
 use super::{Args, command};
 use crate::terminal::{origin_of, write_figure};
 
@@ -171,7 +172,7 @@ pub fn write(
         title: conduct.study.title.clone().unwrap_or_else(|| conduct.study.name.clone()),
         subtitle: subtitle(conduct, summary),
         numbers: numbers(summary, subset),
-        answers: answers(summary),
+        answers: answers(summary, subset),
         fmea: failures.fmea,
         commands: commands(args, summary),
         sections: Vec::new(),
@@ -236,6 +237,13 @@ fn numbers(summary: &Summary, subset: Option<&Subset>) -> Vec<KeyNumber> {
             note: format!("{} of {answered}; 95 % interval {low:.1} to {high:.1} %", summary.failed),
         });
     }
+    if summary.errors > 0 {
+        numbers.push(KeyNumber {
+            value: summary.errors.to_string(),
+            label: "runs have no verdict".into(),
+            note: without_verdict(summary, subset),
+        });
+    }
     if let Some((cause, count)) = summary.causes.first() {
         numbers.push(KeyNumber {
             value: cause.clone(),
@@ -260,13 +268,13 @@ fn numbers(summary: &Summary, subset: Option<&Subset>) -> Vec<KeyNumber> {
     numbers
 }
 
-fn answers(summary: &Summary) -> Vec<(Callout, String)> {
+fn answers(summary: &Summary, subset: Option<&Subset>) -> Vec<(Callout, String)> {
     let mut answers = Vec::new();
     if summary.failed == 0 && summary.errors == 0 && summary.boundary.is_none() {
         answers.push((Callout::Good, "No run failed.".into()));
     }
     if let Some((run, reason)) = &summary.first_error {
-        let text = format!("{} run(s) have no verdict. Run {run}: {reason}", summary.errors);
+        let text = format!("{}. Run {run}: {reason}", without_verdict(summary, subset));
         answers.push((Callout::Bad, text));
     }
     if let Some((_, rising)) = summary.boundary.filter(|(_, rising)| *rising > 0) {

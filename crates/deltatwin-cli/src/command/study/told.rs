@@ -4,11 +4,13 @@ use serde_json::{Value, json};
 
 use super::pictures::{self, Shown, importance};
 use super::{Args, COMPLETE, STOPPED, command};
-use crate::terminal::{Table, complain, path, paths, say, wrapped};
+use crate::terminal::{Table, complain, path, say, wrapped};
 use deltatwin::text::significant;
+use deltatwin_analysis::json::paths;
 use deltatwin_io::study::Factor;
 use deltatwin_study::campaign::Chunk;
 use deltatwin_study::conduct::{Conduct, Diagnosed, Summary};
+use deltatwin_study::run::CauseKind;
 use deltatwin_study::statistics::{Ended, Index, Subset, wilson};
 
 /// Says how to go on after an interruption; returns the exit status.
@@ -60,7 +62,7 @@ pub fn table(args: &Args, conduct: &Conduct) -> miette::Result<u8> {
         &format!("{} of {} ({}), digest {}", study.design.name(), factors.join(" × "), rows(&summary), short(conduct)),
         2,
     ))?;
-    counts(&summary)?;
+    counts(conduct, &summary)?;
     if let Some(subset) = subset {
         rare(subset)?;
     }
@@ -68,7 +70,7 @@ pub fn table(args: &Args, conduct: &Conduct) -> miette::Result<u8> {
         diagnosed(conduct, found)?;
     }
     if let Some((run, reason)) = &summary.first_error {
-        say(wrapped(&format!("{} run(s) without a verdict; run {run}: {reason}", summary.errors), 2))?;
+        say(wrapped(&format!("{}; run {run}: {reason}", without_verdict(&summary, subset)), 2))?;
     }
     say(format!("  Wrote {} and {}", conduct.campaign.table().display(), files[0].display()))?;
     if let Some((run, margin)) = summary.worst {
@@ -86,10 +88,23 @@ fn short(conduct: &Conduct) -> String {
     conduct.campaign.digest.hex().chars().take(12).collect()
 }
 
-fn counts(summary: &Summary) -> miette::Result<()> {
+/// The runs without a verdict, and between which probabilities of failure they leave the true one.
+pub fn without_verdict(summary: &Summary, subset: Option<&Subset>) -> String {
+    let count = format!("{} run(s) without a verdict", summary.errors);
+    if summary.boundary.is_some() {
+        return count;
+    }
+    let [low, high] = subset.map_or_else(|| summary.bounds(), Subset::bounds).map(|p| significant(1e2 * p, 3));
+    format!("{count}: failures are {low} % if these survive, {high} % if they fail")
+}
+
+fn counts(conduct: &Conduct, summary: &Summary) -> miette::Result<()> {
     let answered = summary.runs - summary.errors;
     if let Some((crossings, rising)) = summary.boundary {
-        say(format!("  {crossings} of {answered} rays end in a failure; the others reach the end of their ranges"))?;
+        let of = conduct.study.margin.map_or(String::new(), |cause| format!(" by {}", CauseKind::ALL[cause].name()));
+        say(format!(
+            "  {crossings} of {answered} rays end in a failure{of}; the others reach the end of their ranges"
+        ))?;
         if rising > 0 {
             say(format!(
                 "  along {rising} of them the margin does not fall all the way: column margin_rises_from says where"
@@ -207,6 +222,7 @@ fn as_json(conduct: &Conduct, summary: &Summary, subset: Option<&Subset>) -> Val
         "runs": summary.runs,
         "failed": summary.failed,
         "errors": summary.errors,
+        "failed_bounds": (summary.runs > 0).then(|| summary.bounds()),
         "failed_interval": (answered > 0).then(|| wilson(summary.failed as usize, answered as usize, CONFIDENCE)),
         "causes": map(&summary.causes),
         "first_sockets": map(&summary.sockets),
@@ -226,6 +242,7 @@ fn as_json(conduct: &Conduct, summary: &Summary, subset: Option<&Subset>) -> Val
             "value": s.probability,
             "variation": s.variation,
             "interval": s.interval(CONFIDENCE),
+            "bounds": s.bounds(),
             "runs": s.evaluations,
             "levels": s.levels.len(),
             "reached": s.ended == Ended::Reached,

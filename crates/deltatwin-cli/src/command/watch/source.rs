@@ -8,10 +8,11 @@ use serde_json::Value;
 use super::Args;
 use crate::terminal::warn;
 use deltatwin::model::Model;
-use deltatwin::monitoring::Sample;
+use deltatwin_watch::broker::Address;
 use deltatwin_watch::follow::Follower;
 use deltatwin_watch::message::{self, Message};
-use deltatwin_watch::mqtt::{Address, Link, Report};
+use deltatwin_watch::mqtt::{Link, Report};
+use deltatwin_watch::stamped::Stamped;
 
 /// Time in which a broker must answer at the start.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -23,7 +24,7 @@ const TOLD: u64 = 5;
 /// What has arrived.
 pub enum Arrival {
     /// Samples.
-    Samples(Vec<Sample>),
+    Samples(Vec<Stamped>),
     /// Nothing within the pause.
     Nothing,
     /// No more samples follow.
@@ -59,9 +60,11 @@ impl Source {
             (_, Some(address), Some(topic)) => {
                 let id =
                     args.client_id.clone().unwrap_or_else(|| format!("deltatwin-watch-{}", topic.replace('/', "-")));
-                let link = Link::open(address, &id, Some(topic), PATIENCE).into_diagnostic()?;
+                let broker = args.access.broker(address)?;
+                let link = Link::open(&broker, &id, Some(topic), PATIENCE).into_diagnostic()?;
+                let address = broker.address;
                 let name = format!("{topic} at {address}");
-                (Channel::Broker { link, address: address.clone(), topic: topic.clone() }, name)
+                (Channel::Broker { link, address, topic: topic.clone() }, name)
             }
             _ => return Err(miette!("expected --mqtt URL --topic TOPIC, or --follow FILE")),
         };
@@ -101,6 +104,11 @@ impl Source {
                 }
             }
             Channel::Broker { link, address, .. } => match link.receive(pause).into_diagnostic()? {
+                Some(Report::Retained) => {
+                    let expected = "expected samples that are published without the flag `retain`";
+                    self.fault(&format!("a retained message, older than this watch, is left out; {expected}"));
+                    Arrival::Nothing
+                }
                 Some(Report::Message(payload)) => match message::parse(&payload, self.axes) {
                     Ok(Message::Samples(samples)) => Arrival::Samples(samples),
                     Ok(Message::End) => {

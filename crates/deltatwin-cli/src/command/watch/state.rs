@@ -20,6 +20,8 @@ pub struct State<'a> {
     watches: bool,
     alarm: Option<Alarm>,
     cause: Option<Value>,
+    /// Time on the machine's clock from which times count, s.
+    pub origin: f64,
     /// Time of the last window, s.
     t: f64,
     windows: u64,
@@ -39,6 +41,7 @@ impl<'a> State<'a> {
             watches: healthy.is_some(),
             alarm: None,
             cause: None,
+            origin: 0.0,
             t: 0.0,
             windows: 0,
             highest: 0.0,
@@ -62,7 +65,7 @@ impl<'a> State<'a> {
         self.t = window.t[1];
         self.windows += 1;
         let mut residual = json!({
-            "t": window.t,
+            "t": window.t.map(|t| self.origin + t),
             "channels": window.dataset.channels.iter().map(ToString::to_string).collect::<Vec<_>>(),
             "rms": window.residual.iter().map(|series| rms(series)).collect::<Vec<f64>>(),
             "healthy_rms": healthy.map(|h| h.rms.clone()),
@@ -94,7 +97,7 @@ impl<'a> State<'a> {
             && let Some(alarm) = observation.alarm
         {
             self.alarm = Some(alarm);
-            self.say(&format!("ALARM: {}; since about {:.1} s", alarm.statistic, alarm.onset))?;
+            self.say(&format!("ALARM: {}; since about {:.1} s", alarm.statistic, self.origin + alarm.onset))?;
             self.publish(source)?;
         } else if self.windows == 1 {
             self.publish(source)?;
@@ -111,7 +114,7 @@ impl<'a> State<'a> {
         }
         let name = weakest.map(|(socket, margin)| json!({ "socket": socket_name(socket), "margin": margin }));
         let margins = json!({
-            "t": self.t,
+            "t": self.origin + self.t,
             "strut_upper": loads.strut_upper,
             "strut_lower": loads.strut_lower,
             "margin": loads.margin,
@@ -121,7 +124,8 @@ impl<'a> State<'a> {
     }
 
     /// Tells the cause so far.
-    pub fn found(&mut self, finding: Finding, source: &Source) -> miette::Result<()> {
+    pub fn found(&mut self, mut finding: Finding, source: &Source) -> miette::Result<()> {
+        finding.data = finding.data.map(|t| self.origin + t);
         let known = finding.to_json();
         if self.cause.as_ref() != Some(&known) {
             let [from, to] = finding.data;
@@ -147,11 +151,13 @@ impl<'a> State<'a> {
             (true, None) => "healthy",
             (false, None) => "learning",
         };
-        let alarm = self.alarm.map(|a| json!({ "t": a.t, "onset": a.onset, "statistic": a.statistic.to_string() }));
+        let clock = |t: f64| self.origin + t;
+        let alarm =
+            |a: Alarm| json!({ "t": clock(a.t), "onset": clock(a.onset), "statistic": a.statistic.to_string() });
         json!({
             "state": state,
-            "t": self.t,
-            "alarm": alarm,
+            "t": clock(self.t),
+            "alarm": self.alarm.map(alarm),
             "cause": self.cause,
             "highest_level": self.highest,
             "false_alarms_per_hour": self.args.false_alarms,
@@ -206,6 +212,6 @@ impl<'a> State<'a> {
         if let Some(viewer) = &self.viewer {
             viewer.say(self.t, what, self.alarm.is_some());
         }
-        if self.args.json { Ok(()) } else { say(format!("{:9.1} s  {what}", self.t)) }
+        if self.args.json { Ok(()) } else { say(format!("{:9.1} s  {what}", self.origin + self.t)) }
     }
 }

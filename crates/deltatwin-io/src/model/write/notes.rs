@@ -73,7 +73,5 @@ fn head(root: &mut Table, heading: &[String]) {
 /// As for [`noted_text`], or if the file cannot be written; the file is then unchanged.
 pub fn write_noted(model: &Model, path: &Path, original: &str, notes: &[Note], heading: &[String]) -> Result<()> {
     let text = noted_text(original, &super::placed(model, path), notes, heading)?;
-    crate::file::replace_text(path, &text)
-        .into_diagnostic()
-        .wrap_err_with(|| format!("cannot write {}", path.display()))
+    Ok(super::written(path, &text)?)
 }

@@ -78,7 +78,7 @@ pub(super) enum Encoding {
 /// The content needs more memory than is allowed, bytes.
 #[derive(Debug)]
 pub(super) struct Full {
-    allowed: usize,
+    pub allowed: usize,
 }
 
 impl Full {
@@ -103,6 +103,11 @@ impl Content {
             held: 0,
             allowed,
         }
+    }
+
+    /// The error of needing more memory than is allowed.
+    pub fn full(&self) -> Full {
+        Full { allowed: self.allowed }
     }
 
     /// Registers a topic; returns the index of its stream if it is usable.
@@ -181,7 +186,7 @@ impl Content {
     /// [`Full`] if it does not suffice.
     pub fn hold(&mut self, bytes: usize) -> Result<(), Full> {
         self.held += bytes;
-        if self.held > self.allowed { Err(Full { allowed: self.allowed }) } else { Ok(()) }
+        if self.held > self.allowed { Err(self.full()) } else { Ok(()) }
     }
 
     /// Names of the first topics, for an error.
@@ -190,11 +195,18 @@ impl Content {
         self.told.join(", ") + &if more > 0 { format!(" and {more} more") } else { String::new() }
     }
 
-    /// Sorts the messages of every stream by log time.
-    pub fn sort(&mut self) {
+    /// Sorts the messages of every stream by log time, unless they are in order by their stamps; returns the number of
+    /// those that were not at their place.
+    pub fn sort(&mut self) -> usize {
+        let mut moved = 0;
         for Stream { times, messages, .. } in &mut self.streams {
-            if times.is_sorted() {
+            if times.is_sorted() || matches!(messages, Messages::States(states) if states.is_sorted()) {
                 continue;
+            }
+            let mut latest = 0;
+            for &time in times.iter() {
+                moved += usize::from(time < latest);
+                latest = latest.max(time);
             }
             let mut order: Vec<usize> = (0..times.len()).collect();
             order.sort_by_key(|&i| times[i]);
@@ -205,5 +217,6 @@ impl Content {
                 Messages::Contacts(all) => *all = order.iter().map(|&i| std::mem::take(&mut all[i])).collect(),
             }
         }
+        moved
     }
 }

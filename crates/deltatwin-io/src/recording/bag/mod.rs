@@ -14,6 +14,7 @@ mod tail;
 mod topics;
 mod write;
 
+pub use mcap_file::begins as begins_mcap;
 pub use read::{contacts, read};
 pub use tail::{JointSample, Tail};
 pub(in crate::recording) use write::Writer;
@@ -56,7 +57,7 @@ enum Kind {
 fn kind_of(path: &Path) -> Option<Kind> {
     let mut start = [0; mcap_file::MAGIC.len()];
     let read = file::open(path).and_then(|mut f| f.read_exact(&mut start));
-    if read.is_ok() && start == *mcap_file::MAGIC {
+    if read.is_ok() && mcap_file::begins(&start) {
         return Some(Kind::Mcap);
     }
     if read.is_ok() && sqlite_file::MAGIC.starts_with(&start) {

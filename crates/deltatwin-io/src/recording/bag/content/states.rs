@@ -115,6 +115,11 @@ impl States {
         Some(State { shape, kind, stamp: self.stamps[i], values: &self.values[start..start + count] })
     }
 
+    /// Whether the messages are in order by their stamps.
+    pub fn is_sorted(&self) -> bool {
+        self.stamps.is_sorted()
+    }
+
     /// Puts the messages into this order.
     pub fn reorder(&mut self, order: &[usize]) {
         self.shape_of = order.iter().map(|&i| self.shape_of[i]).collect();

@@ -28,6 +28,11 @@ impl Allowance {
         Self(length.saturating_mul(MOST_EXPANSION).saturating_add(FREE))
     }
 
+    /// Allows for `length` more bytes of a file that grows.
+    pub fn grow(&mut self, length: u64) {
+        self.0 = self.0.saturating_add(length.saturating_mul(MOST_EXPANSION));
+    }
+
     /// The records of `chunk`; memory grows with what is there, not with the size that is stated.
     pub fn records<'a>(&mut self, chunk: &Chunk<'a>) -> Result<Cow<'a, [u8]>, Fault> {
         let records: Cow<[u8]> = match chunk.compression.as_str() {

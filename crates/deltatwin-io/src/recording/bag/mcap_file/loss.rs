@@ -12,6 +12,8 @@ pub struct Losses {
     places: Vec<Loss>,
     /// Whether indexes of messages that follow belong to the last loss.
     open: bool,
+    /// Number of losses that were described by [`Self::news`].
+    told: usize,
     /// Number of messages read, and stated at the end of the file.
     read: BTreeMap<u16, u64>,
     stated: Option<BTreeMap<u16, u64>>,
@@ -31,6 +33,30 @@ struct Loss {
     exact: bool,
     bloated: bool,
     messages: BTreeMap<u16, u64>,
+}
+
+impl Loss {
+    /// Description, with times in s from `zero` (ns).
+    fn sentence(&self, zero: i64, name: &dyn Fn(u16) -> String) -> String {
+        let seconds = |time: u64| format!("{:.4} s", (time as i64).wrapping_sub(zero) as f64 / 1e9);
+        let counted = |(channel, count): (&u16, &u64)| format!("{count} of {}", name(*channel));
+        let what = match self.messages.is_empty() {
+            true => String::new(),
+            false => {
+                format!(": messages missing: {}", self.messages.iter().map(counted).collect::<Vec<_>>().join(", "))
+            }
+        };
+        let when = match (self.from, self.to, self.exact) {
+            (Some(from), Some(to), true) => format!(" from {} to {}", seconds(from), seconds(to)),
+            (Some(from), Some(to), false) => format!(" between {} and {}", seconds(from), seconds(to)),
+            (Some(from), None, _) => format!(" after {}", seconds(from)),
+            (None, Some(to), _) => format!(" before {}", seconds(to)),
+            (None, None, _) => String::new(),
+        };
+        let why = if self.bloated { "expand to far more than a recording can" } else { "are damaged" };
+        let Range { start, end } = self.bytes;
+        format!("bytes {start} to {end}{when} {why} and are left out{what}")
+    }
 }
 
 impl Losses {
@@ -95,34 +121,26 @@ impl Losses {
         self.stated = Some(messages);
     }
 
+    /// Descriptions of the losses since the last call, as far as all is known about them; times as in
+    /// [`Self::sentences`].
+    pub fn news(&mut self, ended: bool, zero: Option<i64>, name: &dyn Fn(u16) -> String) -> Vec<String> {
+        let is_open = self.open && !ended && self.told < self.places.len();
+        let known = self.places.len() - usize::from(is_open);
+        let news = self.places[self.told..known].iter();
+        let told = news.map(|loss| loss.sentence(self.zero(zero), name)).collect();
+        self.told = known;
+        told
+    }
+
+    /// Instant of t = 0, ns: `zero`, or that of the first message.
+    fn zero(&self, zero: Option<i64>) -> i64 {
+        zero.or(self.first.map(|t| t as i64)).unwrap_or(0)
+    }
+
     /// Descriptions of the losses, with times in s from `zero` (ns) or the first message; none if nothing is missing.
     pub fn sentences(&self, zero: Option<i64>, name: &dyn Fn(u16) -> String) -> Vec<String> {
-        let zero = zero.or(self.first.map(|t| t as i64)).unwrap_or(0);
-        let seconds = |time: u64| format!("{:.4} s", (time as i64).wrapping_sub(zero) as f64 / 1e9);
-        let counted = |messages: &BTreeMap<u16, u64>| {
-            messages
-                .iter()
-                .map(|(channel, count)| format!("{count} of {}", name(*channel)))
-                .collect::<Vec<_>>()
-                .join(", ")
-        };
-        let mut out: Vec<String> = Vec::new();
-        for loss in self.places.iter().take(TOLD) {
-            let what = match loss.messages.is_empty() {
-                true => String::new(),
-                false => format!(": messages missing: {}", counted(&loss.messages)),
-            };
-            let when = match (loss.from, loss.to, loss.exact) {
-                (Some(from), Some(to), true) => format!(" from {} to {}", seconds(from), seconds(to)),
-                (Some(from), Some(to), false) => format!(" between {} and {}", seconds(from), seconds(to)),
-                (Some(from), None, _) => format!(" after {}", seconds(from)),
-                (None, Some(to), _) => format!(" before {}", seconds(to)),
-                (None, None, _) => String::new(),
-            };
-            let why = if loss.bloated { "expand to far more than a recording can" } else { "are damaged" };
-            let Range { start, end } = loss.bytes;
-            out.push(format!("bytes {start} to {end}{when} {why} and are left out{what}"));
-        }
+        let zero = self.zero(zero);
+        let mut out: Vec<String> = self.places.iter().take(TOLD).map(|loss| loss.sentence(zero, name)).collect();
         if self.places.len() > TOLD {
             out.push(format!("{} more damaged places are left out", self.places.len() - TOLD));
         }

@@ -7,14 +7,14 @@ mod loss;
 mod record;
 mod scan;
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use self::chunk::{Allowance, Fault};
 use self::loss::Losses;
 use self::record::{HEADER, Record};
-use self::scan::{Place, Scan};
+use self::scan::{Place, Scan, Window};
 use super::EXPECTED;
 use super::content::{Content, Full};
 use crate::file;
@@ -35,16 +35,20 @@ pub(super) fn read(path: &Path, found: &mut Content, warnings: &mut Vec<String>)
         return Err(ReadError::content(path, "is empty", EXPECTED));
     }
     let mut magic = [0; MAGIC.len()];
-    if file.read_exact(&mut magic).is_err() || magic != *MAGIC {
-        return Err(ReadError::content(path, "is not an MCAP file", EXPECTED));
-    }
     let start = MAGIC.len() as u64;
+    let is_marked = file.read_exact(&mut magic).is_ok() && begins(&magic);
+    if is_marked && magic != *MAGIC {
+        warnings.push("its first bytes are damaged".into());
+    }
     let has_end = length >= 2 * start
         && file.seek(SeekFrom::Start(length - start)).and_then(|_| file.read_exact(&mut magic)).is_ok()
         && magic == *MAGIC;
+    if !is_marked && !has_end {
+        return Err(ReadError::content(path, "is not an MCAP file", EXPECTED));
+    }
     let end = if has_end { length - start } else { length };
     let mut source = BufReader::with_capacity(1 << 16, file);
-    let mut collector = Collector::new(found, length);
+    let mut collector = Collector::new(&mut *found, Allowance::of(length));
     let stopped = |stopped| match stopped {
         Stopped::Io(e) => ReadError::io(path, e),
         Stopped::Full(full) => full.error(path),
@@ -52,9 +56,104 @@ pub(super) fn read(path: &Path, found: &mut Content, warnings: &mut Vec<String>)
     if let Some(summary) = summary(&mut source, end).filter(|_| has_end) {
         collector.definitions(Scan::new(&mut source, summary, end)).map_err(stopped)?;
     }
-    collector.collect(Scan::new(source, start, end)).map_err(stopped)?;
-    collector.tell(warnings);
+    collector.collect(&mut Scan::new(source, start, end)).map_err(stopped)?;
+    let told = collector.told();
+    found.cut |= !told.is_empty();
+    warnings.extend(told);
+    let moved = found.sort();
+    if moved > 0 {
+        warnings.push(format!("{moved} messages come after later ones: sorted by their log times"));
+    }
     Ok(())
+}
+
+/// Whether a file that begins with `start` is an MCAP file: at most two of its first eight bytes are damaged.
+pub fn begins(start: &[u8]) -> bool {
+    start.len() >= MAGIC.len() && MAGIC.iter().zip(start).filter(|(a, b)| a == b).count() + 2 >= MAGIC.len()
+}
+
+/// An MCAP file that grows, or that comes through a pipe.
+pub(super) struct Growing<S> {
+    scan: Scan<Window>,
+    collector: Collector<S>,
+}
+
+impl<S: Sink> Growing<S> {
+    /// A file of which nothing is there yet.
+    pub fn new(found: S) -> Self {
+        Self { scan: Scan::growing(MAGIC.len() as u64), collector: Collector::new(found, Allowance::of(0)) }
+    }
+
+    /// Reads the definitions of channels at the end of a file that is complete: the first ones may be damaged.
+    pub fn definitions(&mut self, mut file: impl Read + Seek) {
+        // A file without them, such as one that grows, has them at its beginning only.
+        let Ok(end) = file.seek(SeekFrom::End(-(MAGIC.len() as i64))) else { return };
+        if let Some(summary) = summary(&mut file, end) {
+            let _ = self.collector.definitions(Scan::new(file, summary, end));
+        }
+    }
+
+    /// Reads the next bytes of the file.
+    ///
+    /// # Errors
+    /// [`Full`], if what is found says so.
+    pub fn feed(&mut self, bytes: &[u8]) -> Result<(), Full> {
+        self.scan.grow(bytes);
+        self.collector.allowance.grow(bytes.len() as u64);
+        match self.collector.collect(&mut self.scan) {
+            // All reading is from memory.
+            Ok(()) | Err(Stopped::Io(_)) => Ok(()),
+            Err(Stopped::Full(full)) => Err(full),
+        }
+    }
+
+    /// What was found.
+    pub fn found(&mut self) -> &mut S {
+        &mut self.collector.found
+    }
+
+    /// Whether the end of the data was read.
+    pub fn has_ended(&self) -> bool {
+        self.collector.ended
+    }
+
+    /// What was left out since the last call.
+    pub fn faults(&mut self) -> Vec<String> {
+        let Collector { losses, channels, zero, ended, .. } = &mut self.collector;
+        losses.news(*ended, *zero, &|channel| name(channels, channel))
+    }
+}
+
+/// What takes the content of a file.
+pub(super) trait Sink {
+    /// Registers a topic; returns the index of its stream if it is wanted.
+    ///
+    /// # Errors
+    /// [`Full`] if there are too many.
+    fn announce(&mut self, topic: &str, type_name: &str, encoding: &str) -> Result<Option<usize>, Full>;
+
+    /// Takes a message of a stream with its log time, ns.
+    ///
+    /// # Errors
+    /// [`Full`] if memory does not suffice.
+    fn push(&mut self, stream: usize, time: u64, data: &[u8]) -> Result<(), Full>;
+
+    /// Takes a metadata record.
+    fn note(&mut self, name: String, pairs: BTreeMap<String, String>);
+}
+
+impl Sink for &mut Content {
+    fn announce(&mut self, topic: &str, type_name: &str, encoding: &str) -> Result<Option<usize>, Full> {
+        Content::announce(self, topic, type_name, encoding)
+    }
+
+    fn push(&mut self, stream: usize, time: u64, data: &[u8]) -> Result<(), Full> {
+        Content::push(self, stream, time, data)
+    }
+
+    fn note(&mut self, name: String, pairs: BTreeMap<String, String>) {
+        self.metadata.insert(name, pairs);
+    }
 }
 
 /// Where the definitions at the end of a file begin, as its footer says.
@@ -86,23 +185,31 @@ impl From<Full> for Stopped {
 }
 
 /// Content of a file being gathered.
-struct Collector<'a> {
-    found: &'a mut Content,
+struct Collector<S> {
+    found: S,
+    /// Instant of t = 0 that the file states, ns.
+    zero: Option<i64>,
     allowance: Allowance,
     schemas: HashMap<u16, String>,
     /// Topic of every channel, and its stream if it is read.
-    channels: HashMap<u16, (String, Option<usize>)>,
+    channels: Channels,
     losses: Losses,
     /// Whether the part with the messages has ended.
     ended: bool,
     incomplete: u64,
 }
 
-impl<'a> Collector<'a> {
-    fn new(found: &'a mut Content, length: u64) -> Self {
+type Channels = HashMap<u16, (String, Option<usize>)>;
+
+/// The name of a channel, for a message.
+fn name(channels: &Channels, channel: u16) -> String {
+    channels.get(&channel).map_or_else(|| format!("channel {channel}"), |(topic, _)| format!("`{topic}`"))
+}
+
+impl<S: Sink> Collector<S> {
+    fn new(found: S, allowance: Allowance) -> Self {
         let (schemas, channels) = (HashMap::new(), HashMap::new());
-        let allowance = Allowance::of(length);
-        Self { found, allowance, schemas, channels, losses: Losses::default(), ended: false, incomplete: 0 }
+        Self { found, zero: None, allowance, schemas, channels, losses: Losses::default(), ended: false, incomplete: 0 }
     }
 
     /// Reads the definitions of channels that the file repeats at its end: the first ones may be damaged.
@@ -117,7 +224,8 @@ impl<'a> Collector<'a> {
         Ok(())
     }
 
-    fn collect(&mut self, mut scan: Scan<impl Read + Seek>) -> Result<(), Stopped> {
+    /// Reads all records that are there.
+    fn collect(&mut self, scan: &mut Scan<impl Read + Seek>) -> Result<(), Stopped> {
         let mut next = None;
         loop {
             let place = match next.take() {
@@ -205,31 +313,27 @@ impl<'a> Collector<'a> {
             Record::MessageIndex { channel, times } => self.losses.index(channel, &times),
             Record::Statistics { messages } => self.losses.total(messages),
             Record::Metadata { name, pairs } => {
-                self.found.metadata.insert(name, pairs);
+                if name == "run" {
+                    self.zero = pairs.get("zero_ns").and_then(|zero| zero.parse().ok());
+                }
+                self.found.note(name, pairs);
             }
-            Record::DataEnd => self.ended = true,
+            Record::End => self.ended = true,
             Record::Chunk(_) | Record::Other => {}
         }
         Ok(())
     }
 
     /// Warnings about what is missing.
-    fn tell(self, warnings: &mut Vec<String>) {
-        let zero = self.found.metadata.get("run").and_then(|run| run.get("zero_ns")?.parse().ok());
-        let name = |channel: u16| match self.channels.get(&channel) {
-            Some((topic, _)) => format!("`{topic}`"),
-            None => format!("channel {channel}"),
-        };
-        let told = self.losses.sentences(zero, &name);
-        self.found.cut |= !told.is_empty();
-        warnings.extend(told);
+    fn told(self) -> Vec<String> {
+        let mut told = self.losses.sentences(self.zero, &|channel| name(&self.channels, channel));
         if !self.ended {
-            self.found.cut = true;
             let rest = match self.incomplete {
                 0 => String::new(),
                 bytes => format!(", and its last {bytes} bytes are incomplete"),
             };
-            warnings.push(format!("file is cut short: it ends without a footer{rest}"));
+            told.push(format!("file is cut short: it ends without a footer{rest}"));
         }
+        told
     }
 }

@@ -41,7 +41,8 @@ pub enum Record<'a> {
         name: String,
         pairs: BTreeMap<String, String>,
     },
-    DataEnd,
+    /// The end of the data, or of the file.
+    End,
     /// One that holds nothing of the recording.
     Other,
 }
@@ -70,7 +71,7 @@ impl<'a> Record<'a> {
             }
             0x02 => {
                 fields.take(20)?;
-                Self::Other
+                Self::End
             }
             0x03 => {
                 let (id, name) = (fields.u16()?, fields.string()?);
@@ -122,7 +123,7 @@ impl<'a> Record<'a> {
             }
             0x0f => {
                 fields.take(4)?;
-                Self::DataEnd
+                Self::End
             }
             // Attachments, indexes of the summary, and private records.
             0x08..=0x0a | 0x0d | 0x0e | 0x80.. => return Some(Self::Other),
