@@ -95,8 +95,8 @@ pub fn export(model: &Model, setup: &Setup, format: Format) -> Result<Exported, 
     Ok(Exported { text, left_out, links: tree.links.len(), loops: tree.loops.len(), mass })
 }
 
-/// Least mass (kg) and principal moment of inertia (kg·m²) of a moving link: MuJoCo and others refuse links without.
-const LEAST: [f64; 2] = [1e-9, 1e-12];
+/// Least mass (kg) and principal moment of inertia (kg·m²) of a moving link: MuJoCo refuses less than 1e-15.
+const LEAST: [f64; 2] = [1e-12, 1e-14];
 
 /// Mass (kg), centre of mass (m) and inertia tensor about it (kg·m²) of a link, in the axes of its frame: those of the
 /// body, or the [`LEAST`] where it has none, as the flange without a mass or a strut about its own axis.
