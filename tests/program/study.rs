@@ -286,14 +286,16 @@ fn searches_find_the_boundary_the_worst_and_the_rare() {
     let probability = first["probability"]["value"].as_f64().unwrap();
     assert!(probability > 0.0 && probability < 1.0 && first["runs"] == first["probability"]["runs"], "{first}");
     assert_eq!(first, serde_json::from_str::<Value>(&place.done("rare", &["--json"])).unwrap());
-    // Points of the boundary: the margin of the run next to it is just below zero.
+    // Points of the boundary: the margin of the run next to it is just below zero. A drive may saturate in a run that
+    // survives; where the robot does not catch up any more, the torque needed is beyond the limit by a tenth.
     let boundary = "\"boundary\"\nalong = [\"mass\", \"offset\"]\nrays = 5\ntolerance = 1e-4";
     std::fs::write(&study, text.replace("\"sobol\"", boundary).replace("runs = 60", "")).unwrap();
     place.done("rays", &[]);
     for run in ["1", "3"] {
         let row: Value = serde_json::from_str(&place.done("rays", &["--json", "--run", run])).unwrap();
         let margin = row["margin"].as_f64().unwrap();
-        assert!(row["same_as_table"] == true && (-2e-3..0.0).contains(&margin), "{row}");
+        let least = if row["cause"] == "drive torque" { -0.15 } else { -2e-3 };
+        assert!(row["same_as_table"] == true && (least..0.0).contains(&margin), "{row}");
     }
 }
 
