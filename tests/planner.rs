@@ -515,6 +515,15 @@ fn strut_forces_are_executed_as_planned_if_the_sockets_are_known() {
     // Of 200 N: 108 N along the strut, and 1.4 N that the struts' own inertia pulls along the opening of a cup.
     assert!(knowing.peak_strut < 108.5 && knowing.margin > 90.0, "{} {}", knowing.peak_strut, knowing.margin);
     assert!(lacking.peak_strut > 130.0 && lacking.margin > 0.0, "{}", lacking.peak_strut);
+    // The limits of 120 N on struts are exceeded, those on torques and on the bearing hold.
+    assert!(knowing.is_within(&task.limits), "{:?}", knowing.violations(&task.limits));
+    let violated = lacking.violations(&task.limits);
+    assert!(!violated.is_empty() && !lacking.is_within(&task.limits));
+    for v in &violated {
+        assert!(matches!(v.limit, Limit::LambdaS(_)) && v.allowed == 120.0 && v.value > 120.0, "{v}");
+    }
+    let bearing = lacking.peaks[&Limit::LambdaE(4)];
+    assert!((30.0..140.0).contains(&bearing), "{bearing} N");
     let most = |values: &[[f64; 2]]| values.iter().map(|v| v[1]).fold(0.0, f64::max);
     assert!(most(&knowing.strut) < 1.0 && most(&lacking.strut) > 40.0, "{:?} {:?}", knowing.strut, lacking.strut);
 }

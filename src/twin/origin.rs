@@ -169,3 +169,44 @@ pub fn note(event: &Event) -> Note {
     };
     Note { t: event.t, level, text: format!("{:.6} s  {}: {}", event.t, event.kind.name(), event.what) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::machine::Configuration;
+    use crate::model::testing::shipped;
+
+    /// At 2.5 kHz in pieces with a gap, an angle that cannot be among them: every 25th sample has a pose, of the links that
+    /// the URDF names.
+    #[test]
+    fn links_follow_measured_angles() {
+        let model = shipped("irb360-6-1600");
+        let plant = Plant::new(&model, &Setup::default());
+        let mut links = Links::new(&model, &Setup::default());
+        let angle = |t: f64| [0.3 + t, 0.3, 0.3 - t, 2.0 * t];
+        let piece = |from: f64, count: u32| {
+            let t: Vec<f64> = (0..count).map(|k| from + 4e-4 * f64::from(k)).collect();
+            Signals { q: t.iter().map(|&t| angle(t)).collect(), t, ..Signals::default() }
+        };
+        let mut first = piece(0.0, 60);
+        first.q[25] = [-1.5, 1.7, 1.7, 0.0];
+        let all = [first, piece(0.024, 20), piece(0.1, 30)].map(|signals| links.poses(&signals));
+        let times: Vec<f64> = all.iter().flatten().map(|pose| pose.t).collect();
+        let expected = [0.0, 0.02, 0.03, 0.1, 0.11];
+        assert_eq!(times.len(), expected.len(), "{times:?}");
+        assert!(times.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-9), "{times:?}");
+        let urdf = urdf(&model).unwrap();
+        for pose in all.iter().flatten() {
+            let motion = plant.motion(&JointState { q: angle(pose.t), ..JointState::default() }).unwrap();
+            assert_eq!(pose.frames.len(), 13);
+            for (name, at) in &pose.frames {
+                assert!(urdf.contains(&format!("<link name=\"{name}\"")), "{name}");
+                let body = (0..motion.bodies.len()).find(|b| body_name(*b) == *name).unwrap();
+                assert!((at.translation.vector - motion.bodies[body].position).norm() < 1e-12, "{name}");
+            }
+        }
+        let apart = Setup { configuration: Configuration::Disassembled, ..Setup::default() };
+        assert!(Links::new(&model, &apart).poses(&piece(0.0, 60)).is_empty());
+        assert!(measured("x", Some(&model), &apart).description.is_none());
+    }
+}

@@ -283,6 +283,12 @@ fn compare_and_add_answer_in_json() {
     for finding in answer["findings"].as_array().unwrap() {
         assert!(finding["where"].is_string() && finding["share"].is_number(), "{finding}");
     }
+    // A comparison fits nothing, and its page names both models among the inputs.
+    let (page, later) = (path(&folder, "where.html"), "models/irb360-6-1600-truth.toml");
+    done(&["compare", MODEL, &csv, "--held-out", &csv, "--beside", later, "--report", &page]);
+    let html = std::fs::read_to_string(&page).unwrap();
+    assert!(!html.contains("fitted to") && html.contains("recorded in smoke; held out: smoke"));
+    assert!(html.contains("later model"), "the inputs of the page");
     let added = path(&folder, "added.toml");
     let answer = json(&["add", MODEL, "ball_socket_coulomb", &csv, "-o", &added]);
     assert!(answer["parameters"]["moment"]["value"].is_number(), "{answer}");
@@ -577,6 +583,8 @@ fn plan_run_and_forces() {
     assert!(worst["lambda_s3"].as_f64().unwrap() > 0.99 && worst.values().all(|v| v.as_f64().unwrap() <= 1.001));
     assert!(answer["active"].as_array().unwrap().iter().all(|a| a["s"].is_number() && a["limit"].is_string()));
     assert_eq!(answer["execution"]["events"].as_array().unwrap().len(), 0);
+    assert_eq!(answer["execution"]["violated"].as_array().unwrap().len(), 0);
+    assert_eq!(answer["execution"]["within_limits"], true);
     for name in ["path", "speed", "drives", "forces", "executed-torques", "executed-forces", "executed-acceleration"] {
         let svg = std::fs::read_to_string(Path::new(&figures).join(name).with_extension("svg")).unwrap();
         assert!(svg.contains("</svg>") && !svg.contains("no data"), "{name}");
@@ -608,6 +616,16 @@ fn plan_run_and_forces() {
     refused(&["plan", MODEL, "scenarios/smoke.toml"]);
     refused(&["plan", MODEL, "scenarios/u-turn.toml", "-o", &path(&folder, "u-turn.txt")]);
     refused(&["forces", "models/irb360-6-1600-disassembled.toml", &table]);
+    // A machine with friction in its sockets exceeds the limit of 120 N on the struts: said, on the page, status 1.
+    let truth = "models/irb360-6-1600-truth.toml";
+    let page = path(&folder, "u-turn.html");
+    let output = run(&["plan", MODEL, "scenarios/u-turn.toml", "--twin", truth, "--report", &page]);
+    let printed = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    assert!(printed.contains("limit violated: lambda_s") && printed.contains("of 120.0 N"), "{printed}");
+    let html = std::fs::read_to_string(&page).unwrap();
+    assert!(html.contains("<div class=\"callout bad\">") && html.contains("Limit violated: lambda_s"));
+    assert!(!html.contains("<div class=\"callout good\">"));
     // Too heavy: no plan, status 1, and the reason.
     let heavy = path(&folder, "heavy.toml");
     let text = std::fs::read_to_string("scenarios/u-turn.toml").unwrap();

@@ -344,3 +344,29 @@ fn the_twin_raises_no_false_alarm() {
         assert_eq!(json["files"][0]["warnings"], serde_json::json!([]), "{name}, noise {noise}");
     }
 }
+
+/// Whether an `.mcap` file has the robot for display, and a text of its provenance: topics and metadata are stored plainly.
+fn shown(file: &str, origin: &str) -> [bool; 3] {
+    let bytes = std::fs::read(file).unwrap();
+    let has = |text: &str| bytes.windows(text.len()).any(|window| window == text.as_bytes());
+    [has("/tf"), has("/robot_description"), has(origin)]
+}
+
+/// A robot is shown from every file whose machine is known; where a file comes from stands in all of them.
+#[test]
+fn a_robot_has_links_where_its_model_is_known_and_always_its_origin() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let [csv, bare, known, tape, planned] = ["run.csv", "bare.mcap", "known.mcap", "tape.mcap", "plan.mcap"]
+        .map(|n| folder.path().join(n).display().to_string());
+    done(&["simulate", "scenarios/smoke.toml", "-o", &csv]);
+    done(&["import", &csv, "-o", &bare]);
+    assert_eq!(shown(&bare, "deltatwin import run.csv"), [false, false, true]);
+    const MODEL: &str = "models/irb360-6-1600.toml";
+    done(&["import", &csv, "--model", MODEL, "-o", &known]);
+    assert_eq!(shown(&known, "deltatwin import run.csv"), [true; 3]);
+    done(&["watch", MODEL, "--follow", &csv, "--idle", "1", "-o", &tape]);
+    assert_eq!(shown(&tape, "deltatwin watch irb360-6-1600.toml"), [true; 3]);
+    done(&["plan", MODEL, "scenarios/u-turn.toml", "-o", &planned]);
+    assert_eq!(shown(&planned, "deltatwin plan irb360-6-1600.toml u-turn.toml"), [true; 3]);
+}

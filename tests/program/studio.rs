@@ -345,8 +345,17 @@ fn the_loop_goes_on_after_a_kill() {
     studio.act(json!({"do": "read", "how": {"maps": ["tau1=-tau1", remedy]}}));
     let state = studio.done(json!({"do": "check"}));
     assert_eq!(state["session"]["stages"]["check"]["good"], true, "{state}");
-    studio.done(json!({"do": "fit"}));
+    // The command of *Where* names the model that the page shows.
+    let shows_its_model = |state: &Value| {
+        let shown = &state["session"]["stages"]["where"];
+        let version = shown["version"].as_u64().unwrap() as usize;
+        let file = state["session"]["versions"][version]["file"].as_str().unwrap();
+        let command = shown["command"].as_str().unwrap();
+        assert!(version > 0 && command.starts_with(&format!("deltatwin compare {file} ")), "{command}: {file}");
+    };
+    shows_its_model(&studio.done(json!({"do": "fit"})));
     let state = studio.done(json!({"do": "add", "effect": "drive_stribeck"}));
+    shows_its_model(&state);
     let rms = |state: &Value, k: usize| state["session"]["versions"][k]["errors"]["rms"][0].as_f64().unwrap();
     assert!(rms(&state, 1) <= rms(&state, 0) && rms(&state, 2) <= 1.001 * rms(&state, 1), "{state}");
     assert_eq!(state["chain"], json!([0, 1, 2]));

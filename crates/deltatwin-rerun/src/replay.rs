@@ -251,7 +251,39 @@ fn used(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use deltatwin::machine::Setup;
+    use deltatwin::recording::Signals;
     use nalgebra::Vector3;
+
+    /// A robot at rest whose torques are off by 0.5, 0, −0.2, 0 N·m of what the model says, with noise of 0.1 N·m; 50
+    /// samples of 400 µs average to 0.1/√50 N·m.
+    #[test]
+    fn a_residual_of_known_size_has_the_known_number_of_sigmas() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/irb360-6-1600.toml");
+        let model = deltatwin_io::model::read(&file).unwrap();
+        let signals = Signals {
+            t: (0..2_500).map(|k| f64::from(k) * 4e-4).collect(),
+            q: vec![[0.3, 0.4, 0.5, 0.2]; 2_500],
+            tau: vec![[0.0; AXES]; 2_500],
+            ..Signals::default()
+        };
+        let setup = Setup { torque_noise: Some([0.1; AXES]), ..Setup::default() };
+        let mut recording = Recording { signals, setup, ..Recording::default() };
+        let plant = Plant::new(&model, &recording.setup);
+        let predicted = predict(&plant, &Dataset::new(&recording)).unwrap();
+        let off = [0.5, 0.0, -0.2, 0.0];
+        recording.signals.tau.fill(std::array::from_fn(|i| predicted[i][0] + off[i]));
+        let replay =
+            Replay { recording: &recording, contacts: &[], model: &model, beside: None, access: Access::PROJECT };
+        let assets = Assets::of(&model, replay.access).unwrap();
+        let scene = replay.scene(&plant, &assets).unwrap();
+        let expected = off.map(|off| off * 50f64.sqrt() / 0.1);
+        for shown in scene.residual.unwrap() {
+            assert!(shown.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-6), "{shown:?} {expected:?}");
+        }
+        let band = scene.series.iter().find(|s| s.path == "residual/axis1/noise_above").unwrap();
+        assert!((band.values[0] - 2.0 * 0.1 / 50f64.sqrt()).abs() < 1e-12);
+    }
 
     #[test]
     fn the_strongest_contact_of_a_pair_is_shown_in_the_next_frame() {

@@ -206,3 +206,27 @@ fn summary(args: &Args, campaign: &Campaign, findings: &Findings, files: &[PathB
         "files": files,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use deltatwin::recording::Signals;
+
+    #[test]
+    fn a_recording_has_the_robot_the_model_and_the_command() {
+        let folder = tempfile::tempdir().unwrap();
+        let args = Args { output: folder.path().into(), effect: Some("base_tilt".into()), ..Args::default() };
+        let known = model::parse(MODEL, Path::new("models/irb360-6-1600.toml")).unwrap();
+        let signals = Signals {
+            t: (0..100).map(|k| f64::from(k) * 4e-4).collect(),
+            q: vec![[0.3; 4]; 100],
+            tau: vec![[0.0; 4]; 100],
+            ..Signals::default()
+        };
+        let file = keep(&args, &known, &Recording { name: "run".into(), signals, ..Recording::default() }).unwrap();
+        let bytes = std::fs::read(&file).unwrap();
+        for text in ["/tf", "/robot_description", "deltatwin demo --seed 1 --effect base_tilt", "[geometry]"] {
+            assert!(bytes.windows(text.len()).any(|window| window == text.as_bytes()), "{text}");
+        }
+    }
+}

@@ -158,6 +158,29 @@ mod tests {
         }
     }
 
+    /// What MuJoCo wants of every moving body: a mass, and principal moments none of which exceeds the sum of the others.
+    #[test]
+    fn every_moving_link_has_a_mass_and_an_inertia_that_a_body_can_have() {
+        for name in ["irb360-6-1600", "irb360-6-1600-truth", "irb360-1-1130", "clavel-delta", "linear-delta"] {
+            let text = export(&shipped(name), &Setup::default(), Format::Urdf).unwrap().text;
+            let number = |part: &str, key: &str| -> f64 {
+                let rest = part.split_once(&format!("{key}=\"")).unwrap().1;
+                rest.split_once('"').unwrap().0.parse().unwrap()
+            };
+            let links: Vec<&str> = text.split("<link name=\"").skip(1).collect();
+            assert!(links[0].starts_with("base\""));
+            for link in &links[1..] {
+                let own = link.split("<joint").next().unwrap();
+                assert!(own.contains("<inertial>"), "{name}: {own}");
+                let mass = number(own.split_once("<mass").unwrap().1, "value");
+                let [xx, xy, xz, yy, yz, zz] = ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"].map(|key| number(own, key));
+                let moments = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz).symmetric_eigenvalues();
+                assert!(mass >= 1e-12 && moments.min() > 0.99e-14, "{name}: {own}");
+                assert!(moments.sum() - 2.0 * moments.max() > -1e-12 * moments.max(), "{name}: {own}");
+            }
+        }
+    }
+
     #[test]
     fn masses_are_those_of_the_file_with_the_payload_and_friction_is_that_of_the_drives() {
         let model = shipped("irb360-6-1600");
