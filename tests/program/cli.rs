@@ -619,7 +619,7 @@ fn plan_run_and_forces() {
     // A machine with friction in its sockets exceeds the limit of 120 N on the struts: said, on the page, status 1.
     let truth = "models/irb360-6-1600-truth.toml";
     let page = path(&folder, "u-turn.html");
-    let output = run(&["plan", MODEL, "scenarios/u-turn.toml", "--twin", truth, "--report", &page]);
+    let output = self::run(&["plan", MODEL, "scenarios/u-turn.toml", "--twin", truth, "--report", &page]);
     let printed = String::from_utf8_lossy(&output.stdout);
     assert_eq!(output.status.code(), Some(1), "{output:?}");
     assert!(printed.contains("limit violated: lambda_s") && printed.contains("of 120.0 N"), "{printed}");
