@@ -14,7 +14,7 @@
 //! fn better(model: &Model, recording: &Recording) -> Result<Option<Model>, Box<dyn std::error::Error>> {
 //!     let datasets = [Dataset::new(recording)];
 //!     let fitted = fit(model, &datasets, &[noise_floor(model, &datasets)])?;
-//!     let answer = diagnose(&fitted.model, &datasets, &[], &mut |stage| eprintln!("{stage}"))?;
+//!     let answer = diagnose(&fitted.model, &datasets, &[], &mut |_| {})?;
 //!     let Some(missing) = answer.effects.first() else { return Ok(None) };
 //!     Ok(Some(add(&fitted.model, &missing.name, &datasets, &[])?.fit.model))
 //! }

@@ -105,7 +105,7 @@ fn departures(committed: &str, groups: &[Group]) -> Vec<String> {
 /// A run of the twin along a shipped scenario for `duration` s, on a changed machine.
 fn run(name: &str, duration: f64, change: impl Fn(&mut Model)) -> (Recording, Report) {
     let scenario =
-        scenario::read(&crate::common::shipped(&format!("scenarios/{name}.toml"))).expect("a shipped scenario");
+        scenario::read(&crate::common::shipped(format!("scenarios/{name}.toml"))).expect("a shipped scenario");
     let mut machine = deltatwin_io::model::read(&scenario.model).expect("a shipped model");
     let planning = scenario.controller_model.as_ref().unwrap_or(&scenario.model);
     let planning = deltatwin_io::model::read(planning).expect("a shipped model");

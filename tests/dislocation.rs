@@ -517,7 +517,7 @@ fn a_broken_robot_stays_within_its_hard_stops() {
 // Shipped scenarios.
 
 fn scenario(name: &str) -> Scenario {
-    scenario::read(&crate::common::shipped(&format!("scenarios/{name}.toml"))).unwrap()
+    scenario::read(&crate::common::shipped(format!("scenarios/{name}.toml"))).unwrap()
 }
 
 fn play(scenario: &Scenario, options: &Options) -> Report {

@@ -14,7 +14,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
 fn model(name: &str) -> Model {
-    model::read(&crate::common::shipped(&format!("models/{name}.toml"))).expect("a shipped model")
+    model::read(&crate::common::shipped(format!("models/{name}.toml"))).expect("a shipped model")
 }
 
 fn run(robot: &Model, seed: u64, duration: f64, noise: bool) -> (Recording, Report) {

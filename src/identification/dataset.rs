@@ -439,7 +439,7 @@ mod tests {
                 signals.tau.push([50.0 * phase.cos() + noise, 0.0, 0.0, 0.0]);
             }
             let dataset = Dataset::new(&Recording { signals, ..Recording::default() });
-            let sigma = dataset.noise_of_means(&crate::model::testing::shipped("servo-axis"), block)[0];
+            let sigma = dataset.noise_of_means(&crate::model::testing::slide(), block)[0];
             let expected = 0.1 * ratio / (block as f64).sqrt();
             assert!((sigma / expected - 1.0).abs() < 0.03, "{memory}: {sigma} {expected}");
         }

@@ -174,13 +174,13 @@ pub fn note(event: &Event) -> Note {
 mod tests {
     use super::*;
     use crate::machine::Configuration;
-    use crate::model::testing::shipped;
+    use crate::model::testing::irb360;
 
     /// At 2.5 kHz in pieces with a gap, an angle that cannot be among them: every 25th sample has a pose, of the links that
     /// the URDF names.
     #[test]
     fn links_follow_measured_angles() {
-        let model = shipped("irb360-6-1600");
+        let model = irb360();
         let plant = Plant::new(&model, &Setup::default());
         let mut links = Links::new(&model, &Setup::default());
         let angle = |t: f64| [0.3 + t, 0.3, 0.3 - t, 2.0 * t];

@@ -110,7 +110,7 @@ impl Login {
     /// # Errors
     /// [`AccessError::Contrary`] for a password without a user.
     pub fn of_environment() -> Result<Option<Self>, AccessError> {
-        let [user, password] = VARIABLES.map(|name| std::env::var(name).ok().map(|text| Secret(text)));
+        let [user, password] = VARIABLES.map(|name| std::env::var(name).ok().map(Secret));
         match (user, password) {
             (Some(user), password) => Ok(Some(Self { user, password: password.unwrap_or("".into()) })),
             (None, None) => Ok(None),
