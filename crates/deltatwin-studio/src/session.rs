@@ -116,7 +116,7 @@ pub struct Version {
     pub command: String,
     /// Its errors on the data of the session; `None` until the data are checked.
     pub errors: Option<Errors>,
-    /// Its errors by the data they are of, see [`Basis::all`].
+    /// Its errors by the data they are of, see `Basis::all`.
     #[serde(default)]
     pub known: BTreeMap<String, Errors>,
 }
