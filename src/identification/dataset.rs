@@ -272,7 +272,7 @@ impl Dataset {
     /// Standard deviation of the noise in means over `block` samples of each channel: σ/√n of white noise of the
     /// [`Self::noise`] σ, n = `block`.
     ///
-    /// Noise with memory averages less. Its means over m samples, [`SMOOTH`] long, scatter by σ_m > σ/√m; a mean over n
+    /// Noise with memory averages less. Its means over m samples, `SMOOTH` long, scatter by σ_m > σ/√m; a mean over n
     /// samples contains n/m of them and scatters by σ_m·√(m/n). Of a memory as long as m it is a lower bound, as
     /// [`difference_sigma`] sees neighbouring means only: of AR(1) noise a = 0.6 at 2.5 kHz 1.27 σ/√n instead of 2 σ/√n.
     pub fn noise_of_means(&self, model: &Model, block: usize) -> Vec<f64> {
