@@ -10,7 +10,7 @@
 //!
 //! `from` and `to` are words in the first and the last line that is quoted, `before` a command that comes first, `with:
 //! NAME=FILE` a file of the repository under another name. What is `slow` is only made on demand:
-//! `ACCEPT_SNAPSHOTS=1 cargo test -p deltatwin-cli --test program documents` writes everything anew, `=quick` what is not
+//! `ACCEPT_SNAPSHOTS=1 cargo test -p deltatwin-cli --features full --test program documents` writes everything anew, `=quick` what is not
 //! slow.
 
 use std::collections::BTreeMap;

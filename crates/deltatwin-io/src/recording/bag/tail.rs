@@ -166,6 +166,33 @@ mod tests {
     }
 
     #[test]
+    fn a_flipped_bit_costs_at_most_its_chunk() {
+        let bytes = file(3_000);
+        let whole = read(&bytes).0;
+        let mut lossless = 0;
+        for place in super::super::mcap_file::MAGIC.len()..bytes.len() {
+            // Most of them at the beginning, which every sample needs.
+            if place % if place < 1_000 { 13 } else { 307 } != 0 {
+                continue;
+            }
+            let mut broken = bytes.clone();
+            broken[place] ^= 1 << (place % 8);
+            let (samples, faults, has_ended) = read(&broken);
+            // A second of samples, the longest chunk.
+            assert!(samples.len() >= 2_900, "byte {place}: {} samples, {faults:?}", samples.len());
+            // Times count from another instant where the number that states it was hit.
+            let is_known = |sample: &JointSample| {
+                let original = &whole[(100.0 * sample.q[0]).round() as usize];
+                (&original.q, &original.tau) == (&sample.q, &sample.tau)
+            };
+            assert!(samples.iter().all(is_known), "byte {place}");
+            assert!(samples.len() == 3_000 || !faults.is_empty() || !has_ended, "byte {place}");
+            lossless += usize::from(samples.len() == 3_000);
+        }
+        assert!(lossless > 10);
+    }
+
+    #[test]
     fn a_stretch_of_zeros_costs_its_chunks() {
         let bytes = file(3_000);
         let mut hit = 0;

@@ -12,8 +12,9 @@ pub struct Losses {
     places: Vec<Loss>,
     /// Whether indexes of messages that follow belong to the last loss.
     open: bool,
-    /// Number of losses that were described by [`Self::news`].
+    /// Number of losses that were described by [`Self::news`], and whether those at the end were.
     told: usize,
+    is_complete: bool,
     /// Number of messages read, and stated at the end of the file.
     read: BTreeMap<u16, u64>,
     stated: Option<BTreeMap<u16, u64>>,
@@ -127,8 +128,11 @@ impl Losses {
         let is_open = self.open && !ended && self.told < self.places.len();
         let known = self.places.len() - usize::from(is_open);
         let news = self.places[self.told..known].iter();
-        let told = news.map(|loss| loss.sentence(self.zero(zero), name)).collect();
+        let mut told: Vec<String> = news.map(|loss| loss.sentence(self.zero(zero), name)).collect();
         self.told = known;
+        if self.stated.is_some() && !std::mem::replace(&mut self.is_complete, true) {
+            told.extend(self.in_all(name));
+        }
         told
     }
 
@@ -144,6 +148,13 @@ impl Losses {
         if self.places.len() > TOLD {
             out.push(format!("{} more damaged places are left out", self.places.len() - TOLD));
         }
+        out.extend(self.in_all(name));
+        out
+    }
+
+    /// What is known at the end only: damage inside chunks, and the number of messages of each channel that are missing.
+    fn in_all(&self, name: &dyn Fn(u16) -> String) -> Vec<String> {
+        let mut out = Vec::new();
         if self.torn > 0 {
             out.push(format!("{} records inside chunks are damaged and left out", self.torn));
         }
