@@ -69,7 +69,7 @@ impl Conclusion {
     }
 
     /// Sets the parameters of the named effects from the final model and their probabilities from the final verdict. With
-    /// a step left out for lack of time, that nothing was found is no answer.
+    /// a step left out for lack of time, a search without a finding is not an answer.
     pub fn settle(&mut self) {
         if self.verdict == Verdict::None && !self.not_tried.is_empty() {
             self.verdict = Verdict::Undecided;

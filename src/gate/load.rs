@@ -2,7 +2,7 @@
 //!
 //! A load of mass m with the first moment h = m·c and the moment Θ about the vertical axis of the flange (end-effector
 //! frame) changes the torques by Δτ = m·z_m + h_x·z_x + h_y·z_y + Θ·z_Θ, linear in the inertia (Newton–Euler, Gnad et
-//! al. eq. 4). The platform does not tilt, so the other components change no torque, and Θ changes that of axis 4 alone.
+//! al. eq. 4). The platform does not tilt, so the other components change no torque, and Θ changes the torque of axis 4 alone.
 //! Mass and first moment follow from the arms, Θ from axis 4; constant and friction of every axis are estimated along.
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
@@ -41,7 +41,7 @@ pub struct Load {
     /// Standard error of its mass, kg: from blocks of time, whose samples depend on each other, and from the difference
     /// between the arms, which errors of the model cause.
     pub std: f64,
-    /// Whether its centre of mass is off that of the stated payload, or its moment about the vertical is determined.
+    /// Whether its centre of mass differs from the stated payload's, or its moment about the vertical is determined.
     is_shaped: bool,
     /// Its torques by channel, N·m.
     pub torques: Vec<Vec<f64>>,
@@ -203,7 +203,7 @@ impl Context<'_> {
         let features = [&unit[axis][..], &self.ones, rate, sign];
         let rest: Vec<f64> = self.residual(axis, 0).iter().zip(&load.torques[axis]).map(|(r, z)| r - z).collect();
         let Some(LeastSquares { beta, std, .. }) = least_squares(&features, &rest) else { return };
-        // Samples depend on each other, so the error is larger than that of independent ones.
+        // Samples depend on each other, so the error is larger than for independent ones.
         let is_large = beta[0] > load.inertia.mass.abs() * GYRATION * GYRATION;
         if is_large && beta[0] > CERTAIN * CERTAIN * std[0] && std[0] > 0.0 {
             load.inertia.tensor[(2, 2)] += beta[0];

@@ -330,7 +330,7 @@ fn remove_unused(path: &Path) -> bool {
 /// Largest number of a file of a killed run that is cleared.
 const MOST_PARTIAL: usize = 100;
 
-/// Removes the files that killed runs left on their way to `target`, and returns their names; those of living runs stay.
+/// Removes the files that killed runs left on their way to `target`, and returns their names; files of living runs stay.
 /// They may be all there is of a recording until `target` is complete.
 pub fn clear_partial(target: &Path) -> Vec<PathBuf> {
     let Ok(target) = place(target) else { return Vec::new() };

@@ -37,7 +37,7 @@ pub struct Problem {
 /// Result of a check.
 pub(crate) type Checked<T> = std::result::Result<T, Problem>;
 
-/// Closed interval of numbers, with their unit; from [`f64::MIN_POSITIVE`] on it is that of positive numbers.
+/// Closed interval of numbers, with their unit; from [`f64::MIN_POSITIVE`] on it is the interval of positive numbers.
 #[derive(Clone, Copy)]
 pub(crate) struct Interval<'a>(pub f64, pub f64, pub &'a str);
 

@@ -353,7 +353,7 @@ impl Session {
         Ok(())
     }
 
-    /// File of the result of `stage` as a part of a page; that of an earlier program has the name of the stage.
+    /// File of the result of `stage` as a part of a page; a result of an earlier program has the name of the stage.
     pub fn part(&self, folder: &Path, stage: &str) -> Option<PathBuf> {
         self.stages.get(stage)?;
         let stages = folder.join("stages");

@@ -82,7 +82,7 @@ pub enum Report {
     Lost(Loss),
 }
 
-/// Why there is no connection.
+/// Reason why a connection is missing.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Loss {
     /// Nobody answers as a broker does.

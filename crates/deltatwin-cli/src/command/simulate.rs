@@ -282,7 +282,7 @@ fn distinct(files: &[PathBuf], jobs: &[Job]) -> miette::Result<()> {
     Ok(())
 }
 
-/// Writes the Rerun file of a run, if one is wanted, and returns its name; that of a part if the run was interrupted and
+/// Writes the Rerun file of a run, if one is wanted, and returns its name; the name of a part if the run was interrupted and
 /// there is a file already.
 fn show(job: &Job, outcome: &Outcome, args: &Args) -> Result<Option<PathBuf>, WriteError> {
     #[cfg(feature = "viewer")]

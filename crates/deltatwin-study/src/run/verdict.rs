@@ -69,7 +69,7 @@ pub struct Margin {
     pub cause: Cause,
     /// 1: unloaded, 0: at the limit, negative beyond it.
     ///
-    /// It is that of a machine that neither breaks nor trips, whose drives give any torque and that meets nothing, and
+    /// It is the margin of a machine that neither breaks nor trips, whose drives give any torque and that meets nothing, and
     /// therefore falls monotonically with the load also beyond the limit. Where the real machine meets an object or
     /// saturates a drive and keeps its sockets, those against sockets, trip and following error are the real one's.
     pub value: f64,

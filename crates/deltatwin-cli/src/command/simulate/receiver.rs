@@ -29,9 +29,9 @@ pub struct Received {
     /// All samples and frames, if the job keeps them.
     pub signals: Signals,
     pub frames: Vec<Frame>,
-    /// The file; of a run that was interrupted it has another name if a file has that of the job.
+    /// The file; the part of an interrupted run has another name if a file of the job's name exists.
     pub file: Option<PathBuf>,
-    /// Whether the run was told to end before its time.
+    /// Whether the run was stopped before its end.
     pub stopped: bool,
     /// Why the file was not written, if it was not.
     pub problem: Option<WriteError>,

@@ -14,7 +14,7 @@ use deltatwin_watch::stamped::SECOND;
 
 /// Time after which what was appended is handed to the disk: a killed watch loses no more.
 const KEPT: Duration = Duration::from_millis(500);
-/// Time from which the seconds of a recording count at the latest, ns since 1970: those of ROS 2 end in 2038.
+/// Time from which the seconds of a recording count at the latest, ns since 1970: the seconds of ROS 2 end in 2038.
 const LATEST: i64 = 2_000_000_000 * SECOND;
 
 /// A recording being written.

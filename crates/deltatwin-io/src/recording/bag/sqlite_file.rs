@@ -21,7 +21,7 @@ const MOST_EXPANSION: u64 = 100;
 /// Steps of SQLite's machine between two looks at their number, and looks for the schema of any file.
 const STEPS: i32 = 1000;
 const LOOKS: u64 = 1000;
-/// Longest statement of a schema, bytes, deepest expression and most columns: those of a bag are far below.
+/// Longest statement of a schema, bytes, deepest expression and most columns: a bag is far below.
 const SCHEMA: [(Limit, i32); 4] = [
     (Limit::SQLITE_LIMIT_SQL_LENGTH, 1 << 20),
     (Limit::SQLITE_LIMIT_EXPR_DEPTH, 50),

@@ -136,7 +136,7 @@ impl Losses {
         told
     }
 
-    /// Instant of t = 0, ns: `zero`, or that of the first message.
+    /// Instant of t = 0, ns: `zero`, or the instant of the first message.
     fn zero(&self, zero: Option<i64>) -> i64 {
         zero.or(self.first.map(|t| t as i64)).unwrap_or(0)
     }

@@ -204,7 +204,7 @@ impl<R: Read + Seek> Scan<R> {
         self.end.saturating_sub(WINDOW as u64).max(start)
     }
 
-    /// The damaged place from `from` to the next record behind it, where reading goes on; there is none before `start`.
+    /// The damaged place from `from` to the next record behind it, where reading goes on; `start` is the earliest.
     fn behind(&mut self, from: u64, start: u64) -> io::Result<Place> {
         (self.doubtful, self.lost, self.looked) = (None, None, 0);
         let found = self.find(start)?;
