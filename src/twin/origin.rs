@@ -180,10 +180,12 @@ mod tests {
     /// the URDF names.
     #[test]
     fn links_follow_measured_angles() {
-        let model = irb360();
+        // Struts of 0.45 m do not reach from arms that are this far apart: the elbows' circle has a radius of 0.51 m.
+        let mut model = irb360();
+        model.geometry.strut_length = [0.45; 3];
         let plant = Plant::new(&model, &Setup::default());
         let mut links = Links::new(&model, &Setup::default());
-        let angle = |t: f64| [0.3 + t, 0.3, 0.3 - t, 2.0 * t];
+        let angle = |t: f64| [1.2 + t, 1.2, 1.2 - t, 2.0 * t];
         let piece = |from: f64, count: u32| {
             let t: Vec<f64> = (0..count).map(|k| from + 4e-4 * f64::from(k)).collect();
             Signals { q: t.iter().map(|&t| angle(t)).collect(), t, ..Signals::default() }
