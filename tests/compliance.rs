@@ -234,6 +234,7 @@ fn inverse_dynamics_along_a_recording_of_the_twin_gives_its_torques() {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn a_swinging_frame_is_named() {
     // Two modes far apart, none at a frequency from which the search starts.
     let frequency = [6.0, 13.0];
@@ -247,6 +248,7 @@ fn a_swinging_frame_is_named() {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn a_swinging_payload_is_named() {
     let (dataset, _) = measured(cup(0.8, 7.0, 0.08), loaded(2.5), 6.0, true);
     let d = diagnosed(dataset);

@@ -150,6 +150,7 @@ fn recorded(robot: &Model, seed: u64) -> Dataset {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn limbs_have_their_own_parameters_where_the_data_demand_it() {
     for (name, differing) in [("linear-delta", "rigid_bodies.arm_mass"), ("irb360-6-1600", "rigid_bodies.arm_")] {
         let alike = model(name);

@@ -87,6 +87,7 @@ fn robot_like_noise(dataset: &Dataset, rng: &mut ChaCha8Rng) -> Vec<[f64; 4]> {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn intervals_cover_the_truth_when_noise_has_memory() {
     const RUNS: u64 = 200;
     let robot = robot();
@@ -155,6 +156,7 @@ fn weights_of_rows_and_robust_loss_change_little_when_the_model_is_right() {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn garbage_gives_possible_bodies_and_both_ways_agree() {
     let nominal = common::model("irb360-6-1600");
     let clean = dataset(&nominal, &Setup::default(), 1500, 4e-3, excitation(3));

@@ -114,6 +114,7 @@ fn hidden_socket_friction_is_named_and_taken_back_by_its_own_parameter() {
 
 /// Drag grows with the square of the speed, so a slower motion shows a small part of it.
 #[test]
+#[ignore = "campaign"]
 fn drag_is_named_although_the_held_out_motion_is_slower() {
     let mut robot = perturbed();
     robot.effects.push(ActiveEffect::new(find("air_drag").unwrap(), &[&[5.0]]));
@@ -127,6 +128,7 @@ fn drag_is_named_although_the_held_out_motion_is_slower() {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn nothing_hidden_is_nothing_found() {
     let (recording, _) = run(&perturbed(), 6, 10.0, true);
     let d = diagnose(&model("irb360-6-1600"), &[Dataset::new(&recording)], &[], &mut |_| {}).unwrap();

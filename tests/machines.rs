@@ -342,6 +342,7 @@ fn base_parameters_of_a_three_axis_robot_come_back() {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn only_effects_on_what_is_there_are_candidates() {
     for (model, setup) in machines() {
         let (recording, _) = run(&model, &model, &setup, 1.0, 13, true);
@@ -423,6 +424,7 @@ fn a_shape_is_estimated_from_size_zero() {
 /// A controller that holds its torques delays them by half the sampling period: no effect, whatever side of it the
 /// estimate falls on.
 #[test]
+#[ignore = "campaign"]
 fn a_delay_of_half_a_sample_is_the_recordings() {
     let nominal = model("servo-axis");
     let mut robot = nominal.clone();
@@ -445,6 +447,7 @@ fn torque_ripple_is_found_on_a_lone_turntable() {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn torque_ripple_of_one_arm_is_found_on_a_robot_taken_apart() {
     let nominal = model("irb360-6-1600-disassembled");
     let zero = [0.0; 3];

@@ -369,6 +369,7 @@ fn the_bound_with_jerk_limits_is_exact_for_a_straight_line() {
 
 /// Along the arch of 25, 305 and 25 mm time buys jerk in the corners: more than a quarter of the gap is closed by confining z.
 #[test]
+#[ignore = "campaign"]
 fn the_bound_with_jerk_limits_is_tightened() {
     let model = common::model("irb360-6-1600");
     let plant = Plant::new(&model, &Setup::default());
@@ -454,6 +455,7 @@ fn dynamic_programme(
 }
 
 #[test]
+#[ignore = "campaign"]
 fn no_dynamic_programme_is_faster() {
     let (model, setup) = loaded("irb360-6-1600");
     let plant = Plant::new(&model, &setup);
@@ -670,6 +672,7 @@ fn answer(seed: u64, model: &Model) -> Answer {
 
 /// 500 random paths, payloads and limits: no panic, and every answer is feasible or a correct explanation.
 #[test]
+#[ignore = "campaign"]
 fn random_paths_are_planned_or_refused_for_a_reason() {
     let models = ["irb360-6-1600", "irb360-6-1600-truth"].map(common::model);
     let answers: Vec<Answer> =
@@ -772,6 +775,7 @@ fn blends_are_used_as_asked_for_or_told() {
 
 /// ∫ ṡ² ds along ABB's cycle: planned, and hardly slower than the fastest motion.
 #[test]
+#[ignore = "campaign"]
 fn the_papers_objective_along_the_cycle() {
     let model = common::model("irb360-6-1600");
     let task = deltatwin_io::plan::read(&crate::common::shipped("scenarios/cycle.toml"), Limits::of(&model)).unwrap();

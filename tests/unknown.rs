@@ -75,6 +75,7 @@ fn line(name: &str, d: &Diagnosis) {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn an_unknown_law_is_located_and_written_into_the_model() {
     let place = "drive 1";
     let [measurement, validation] = measure(21, formula(&[("drive1", "-tanh(50*qd1)*sin(18*q1+0.7)")]));
@@ -107,6 +108,7 @@ fn an_unknown_law_is_located_and_written_into_the_model() {
 
 /// What is left is judged by the noise, not by what the effect beside it explains.
 #[test]
+#[ignore = "campaign"]
 fn an_unknown_law_beside_a_strong_effect_is_told() {
     let nominal = model("irb360-6-1600");
     let mut robot = nominal.clone();
@@ -130,6 +132,7 @@ fn an_unknown_law_beside_a_strong_effect_is_told() {
 
 /// Recordings come from other simulators, and from robots that read no book.
 #[test]
+#[ignore = "campaign"]
 fn known_physics_in_another_shape_is_no_unknown_law() {
     let mut doubted = Vec::new();
     for (i, (name, terms)) in OTHERWISE.iter().enumerate() {

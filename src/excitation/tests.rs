@@ -85,6 +85,7 @@ fn limits_have_the_slopes_of_finite_differences() {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn designed_motion_keeps_all_limits_between_the_instants_of_the_search() {
     let model = model();
     let design = design(&model, &quick(), &go_on).unwrap();
@@ -109,6 +110,7 @@ fn designed_motion_keeps_all_limits_between_the_instants_of_the_search() {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn designed_motion_beats_random_ones() {
     let options = Options { harmonics: 5, randoms: 20, starts: 2, iterations: 25, ..Options::default() };
     // Stops of the Hooke joints and the sockets confine the designed motion, but hardly the random ones: with the stops
@@ -133,6 +135,7 @@ fn designed_motion_beats_random_ones() {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn design_does_not_depend_on_the_number_of_threads() {
     let options = Options { randoms: 4, iterations: 4, ..quick() };
     let with = |threads: usize| {

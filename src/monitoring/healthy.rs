@@ -296,6 +296,7 @@ mod tests {
     /// Forty machines, each watched for five hours after two minutes of learning, at one alarm per hour: 200 are
     /// allowed, and those of machines whose healthy stretch was unusual count as well.
     #[test]
+    #[ignore = "campaign"]
     fn coloured_residuals_raise_no_more_false_alarms_than_stated() {
         let (machines, hours) = (40, 5);
         let mut alarms = 0;

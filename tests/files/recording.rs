@@ -156,6 +156,7 @@ fn setup_file_beats_metadata() {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn truncated_mcap_is_read_as_far_as_it_goes() {
     let folder = folder();
     let path = folder.path().join("run.mcap");

@@ -99,6 +99,7 @@ fn fault(arguments: &[String], out: &Output) -> Option<String> {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn every_combination_is_answered_or_refused_by_name() {
     common::at_root();
     let folder = TempDir::new().unwrap();

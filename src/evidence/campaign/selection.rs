@@ -7,6 +7,7 @@ use super::*;
 /// Effects of a quarter of the noise. Measured over 880 campaigns: found 99.8 %, ranked first 95 %, in the confidence
 /// set 98 %, and no other effect found 90 %. With 88 campaigns, two standard errors are 1, 5, 3 and 6 points.
 #[test]
+#[ignore = "campaign"]
 fn planted_effect_is_found_named_and_in_the_set() {
     let one = |seed: u64| {
         let mut p = collinear_problem(5000 + seed, seed.is_multiple_of(2));
@@ -43,6 +44,7 @@ fn near_collinear_pair_is_indistinguishable() {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn two_planted_effects_are_both_found() {
     for seed in 0..6 {
         let mut p = null_problem(700 + seed, seed.is_multiple_of(2));
@@ -57,6 +59,7 @@ fn two_planted_effects_are_both_found() {
 /// Two effects of equal size in noise of 1e-9 of them: the residual consists of the missing effects, which the
 /// whitening filter must not remove.
 #[test]
+#[ignore = "campaign"]
 fn effects_without_noise_are_found() {
     for seed in 0..5 {
         let mut p = null_problem(4000 + seed, false);
