@@ -8,7 +8,7 @@ use std::path::Path;
 use deltatwin::diagnosis::{add, diagnose};
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
-use deltatwin::identification::dataset::noise_floor;
+use deltatwin::identification::NoiseLevel;
 use deltatwin::identification::{Dataset, fit};
 use deltatwin::twin::{Options, simulate};
 use deltatwin_io::{model, recording, scenario};
@@ -23,10 +23,10 @@ fn main() -> Result<()> {
     let (measured, notes) = recording::read_of(&file, None, delivered.mechanism).into_diagnostic()?;
     notes.iter().for_each(|note| println!("note: {note}"));
     let data = [Dataset::new(&measured)];
-    let noise = noise_floor(&delivered, &data);
+    let noise = NoiseLevel::of(&delivered, &data);
 
-    let identified = fit(&delivered, &data, std::slice::from_ref(&noise)).into_diagnostic()?;
-    println!("identified:     RMS {:.2} N, noise {:.2} N", identified.residuals.rms[0], noise[0]);
+    let identified = fit(&delivered, &data, &noise.of_each).into_diagnostic()?;
+    println!("identified:     RMS {:.2} N, noise {:.2} N", identified.residuals.rms[0], noise.pooled[0]);
 
     let diagnosis = diagnose(&identified.model, &data, &[], &mut |_| {}).into_diagnostic()?;
     println!("diagnosis:      {}", diagnosis.verdict);

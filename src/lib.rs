@@ -7,13 +7,13 @@
 //!
 //! ```
 //! use deltatwin::diagnosis::{add, diagnose};
-//! use deltatwin::identification::{Dataset, dataset::noise_floor, fit::fit};
+//! use deltatwin::identification::{Dataset, NoiseLevel, fit::fit};
 //! use deltatwin::{model::Model, recording::Recording};
 //!
 //! /// The model with the first missing effect that a recording shows.
 //! fn better(model: &Model, recording: &Recording) -> Result<Option<Model>, Box<dyn std::error::Error>> {
 //!     let datasets = [Dataset::new(recording)];
-//!     let fitted = fit(model, &datasets, &[noise_floor(model, &datasets)])?;
+//!     let fitted = fit(model, &datasets, &NoiseLevel::of(model, &datasets).of_each)?;
 //!     let answer = diagnose(&fitted.model, &datasets, &[], &mut |_| {})?;
 //!     let Some(missing) = answer.effects.first() else { return Ok(None) };
 //!     Ok(Some(add(&fitted.model, &missing.name, &datasets, &[])?.fit.model))

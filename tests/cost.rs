@@ -11,7 +11,7 @@ use deltatwin::diagnosis::diagnose;
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::excitation;
-use deltatwin::identification::dataset::noise_floor;
+use deltatwin::identification::NoiseLevel;
 use deltatwin::identification::{Dataset, fit};
 use deltatwin::model::Model;
 use deltatwin::planner::{self, Limits, Machine};
@@ -154,7 +154,7 @@ fn load_dependent(machine: &mut Model) {
 
 fn identification(what: &str, delivered: &Model, data: &Dataset) -> Group {
     let data = std::slice::from_ref(data);
-    let work = fit(delivered, data, &[noise_floor(delivered, data)]).expect("a fit").work;
+    let work = fit(delivered, data, &NoiseLevel::of(delivered, data).of_each).expect("a fit").work;
     Group {
         name: format!("identification: {what}"),
         counts: vec![

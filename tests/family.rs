@@ -3,7 +3,7 @@
 use crate::common::{model, planned};
 use deltatwin::dynamics::{Channel, Plant, inverse_dynamics};
 use deltatwin::identification::fit::Options;
-use deltatwin::identification::{Dataset, fit, limb_test, predict};
+use deltatwin::identification::{Dataset, NoiseLevel, fit, limb_test, predict};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::{Actuator, Geometry, Mechanism, Setup};
 use deltatwin::model::Model;
@@ -159,8 +159,8 @@ fn limbs_have_their_own_parameters_where_the_data_demand_it() {
         robot.bodies[1] = robot.bodies[1] * 1.1;
         for (robot, demanded) in [(&robot, true), (&alike, false)] {
             let (fitted, held_out) = ([recorded(robot, 1)], [recorded(robot, 2)]);
-            let noise = robot.noise.torque[..robot.mechanism.axes()].to_vec();
-            let fit = fit(&alike, &fitted, std::slice::from_ref(&noise)).unwrap();
+            let noise = NoiseLevel::of(&robot, &fitted);
+            let fit = fit(&alike, &fitted, &noise.of_each).unwrap();
             for held_out in [&held_out[..], &[]] {
                 let data = (&fitted[..], held_out);
                 let test = limb_test(&fit, &alike, data, &noise, &Options::default()).unwrap().unwrap();

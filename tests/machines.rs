@@ -1,10 +1,11 @@
 //! Machines with independent or fewer axes: laws, and the loop from a run of the twin to a diagnosis.
 
 use crate::common::model;
+use deltatwin::comparison::compare;
 use deltatwin::diagnosis::{DiagnosisError, Verdict, add, diagnose};
 use deltatwin::dynamics::{Plant, Sample, in_configuration, inverse_dynamics, regressor, set_parameters};
 use deltatwin::effects::{ActiveEffect, REGISTRY, Role, find};
-use deltatwin::identification::{Dataset, Estimate, Fit, fit};
+use deltatwin::identification::{Dataset, Estimate, Fit, NoiseLevel, fit};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::bodies::END_EFFECTOR;
 use deltatwin::machine::{AXES, Configuration, Mechanism, Part, Payload, Setup, Unit};
@@ -363,6 +364,40 @@ fn nothing_hidden_is_nothing_found_on_a_lone_slide() {
     let (recording, _) = run(&robot, &nominal, &Setup::default(), 4.0, 21, true);
     let d = diagnose(&nominal, &[Dataset::new(&recording)], &[], &mut |_| {}).unwrap();
     assert_eq!(d.verdict, Verdict::None, "{:?}", d.effects);
+}
+
+/// Every recording weighs by its own noise, and is judged by it.
+#[test]
+fn recordings_of_unequal_noise_leave_their_noise() {
+    let nominal = model("servo-axis");
+    let robot = perturbed(&nominal, &Setup::default(), 22);
+    let [quiet, loud] = [(1.0, 2.0, 22), (2.0, 18.0, 23)].map(|(factor, duration, seed)| {
+        let torque_noise = Some(robot.noise.torque.map(|sigma| factor * sigma));
+        let setup = Setup { torque_noise, ..Setup::default() };
+        let mut recording = run(&robot, &nominal, &setup, duration, seed, true).0;
+        // The noise is not stated, but estimated from each recording.
+        recording.setup.torque_noise = None;
+        Dataset::new(&recording)
+    });
+    let both = [quiet.clone(), loud.clone()];
+    let d = diagnose(&nominal, &both, &[], &mut |_| {}).unwrap();
+    assert_eq!(d.verdict, Verdict::None, "{:?}", d.effects);
+    approx::assert_abs_diff_eq!(d.rms_after[0] / d.noise_floor[0], 1.0, epsilon = 0.03);
+    let sigma = robot.noise.torque[0];
+    // √((1 + 9·2²)/10) of the smaller one.
+    approx::assert_relative_eq!(d.noise_floor[0], 3.7_f64.sqrt() * sigma, max_relative = 0.03);
+    let std = |data: &[Dataset]| {
+        let fitted = fit(&nominal, data, &NoiseLevel::of(&nominal, data).of_each).unwrap();
+        fitted.parameters.iter().find(|p| p.name.ends_with("viscous")).expect("friction").std
+    };
+    let information = |data: &[Dataset]| std(data).powi(-2);
+    let [one, other] = both.each_ref().map(|t| information(std::slice::from_ref(t)));
+    approx::assert_relative_eq!(information(&both), one + other, max_relative = 0.1);
+    // What is held out is judged by its own noise.
+    let c = compare(&d.model, &[quiet], &[loud]).unwrap();
+    let held_out = c.held_out.as_ref().expect("errors");
+    approx::assert_abs_diff_eq!(held_out.rms[0] / held_out.noise_floor[0], 1.0, epsilon = 0.03);
+    assert!(c.worst().expect("noise").1 < 1.03, "{:?}", c.worst());
 }
 
 /// Hides `active` in a machine and returns what diagnosis and addition make of it.

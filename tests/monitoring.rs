@@ -2,7 +2,7 @@
 
 use deltatwin::diagnosis::change::{Changed, changed};
 use deltatwin::dynamics::Plant;
-use deltatwin::identification::dataset::noise_floor;
+use deltatwin::identification::NoiseLevel;
 use deltatwin::identification::{Dataset, fit};
 use deltatwin::machine::{Mechanism, Setup};
 use deltatwin::model::Model;
@@ -46,7 +46,7 @@ fn identified(healthy: &[Sample]) -> Model {
     let truth = worn(1.0).effects;
     start.effects.extend(truth.into_iter().filter(|a| a.effect.name().starts_with("ball_socket")));
     let datasets = [dataset(healthy)];
-    let noise = [noise_floor(&start, &datasets)];
+    let noise = [NoiseLevel::of(&start, &datasets).pooled];
     fit(&start, &datasets, &noise).unwrap().model
 }
 

@@ -5,10 +5,9 @@ use std::sync::Arc;
 
 use deltatwin::comparison;
 use deltatwin::dynamics::Channel;
-use deltatwin::identification::dataset::noise_floor;
 use deltatwin::identification::estimator::PRIOR_INFORMATION;
 use deltatwin::identification::fit::{Fit, FitError, fit_with};
-use deltatwin::identification::{Dataset, Residuals};
+use deltatwin::identification::{Dataset, HeldOut, NoiseLevel, Residuals};
 use deltatwin::model;
 use deltatwin_report::drawing::residual::{self, Stage};
 use pyo3::prelude::*;
@@ -27,7 +26,7 @@ pub struct Identification {
     fit: Fit,
     channels: Vec<Channel>,
     noise: Vec<f64>,
-    held_out: Option<Vec<f64>>,
+    held_out: Option<HeldOut>,
 }
 
 #[pymethods]
@@ -75,7 +74,7 @@ impl Identification {
 
     #[getter]
     fn held_out_rms(&self) -> Option<Vec<f64>> {
-        self.held_out.clone()
+        self.held_out.as_ref().map(|h| h.rms.clone())
     }
 
     #[getter]
@@ -97,7 +96,7 @@ impl Identification {
     fn errors(&self) -> Table {
         let series = [
             ("rms", Some(&self.rms()[..])),
-            ("held_out", self.held_out.as_deref()),
+            ("held_out", self.held_out.as_ref().map(|h| &h.rms[..])),
             ("noise_floor", Some(&self.noise[..])),
         ];
         answer::errors(&self.channels, &series)
@@ -142,7 +141,7 @@ impl Comparison {
 
     #[getter]
     fn held_out_rms(&self) -> Option<Vec<f64>> {
-        self.inner.held_out_rms.clone()
+        self.inner.held_out.as_ref().map(|h| h.rms.clone())
     }
 
     #[getter]
@@ -165,7 +164,7 @@ impl Comparison {
         let c = &self.inner;
         let series = [
             ("rms", Some(&c.rms[..])),
-            ("held_out", c.held_out_rms.as_deref()),
+            ("held_out", c.held_out.as_ref().map(|h| &h.rms[..])),
             ("noise_floor", Some(&c.noise_floor[..])),
         ];
         answer::errors(&c.channels, &series)
@@ -287,14 +286,11 @@ pub fn identify(
     law::evaluate(py, &own, &[], &data)?;
     let done = run(py, bar.function(), move |task| {
         let channels = data.datasets[0].channels.clone();
-        let noise = noise_floor(&own, &data.datasets);
+        let noise = NoiseLevel::of(&own, &data.datasets);
         let stop = || task.stopped();
-        let fit = fit_with(&own, &data.datasets, &vec![noise.clone(); data.datasets.len()], &how.options(&stop))?;
-        let held_out = match &data.held_out[..] {
-            [] => None,
-            held_out => Some(Residuals::new(&fit.model, held_out)?.rms),
-        };
-        Ok(Identification { fit, channels, noise, held_out })
+        let fit = fit_with(&own, &data.datasets, &noise.of_each, &how.options(&stop))?;
+        let held_out = HeldOut::new(&fit.model, &data.held_out)?;
+        Ok(Identification { fit, channels, noise: noise.pooled, held_out })
     })?;
     law::raised(py)?;
     done.map_err(|e: FitError| failed(&e))

@@ -1,7 +1,7 @@
 //! [`identify_payload`]: what the flange carries, with a known robot.
 
 use deltatwin::dynamics::Channel;
-use deltatwin::identification::dataset::noise_floor;
+use deltatwin::identification::NoiseLevel;
 use deltatwin::identification::estimator::PRIOR_INFORMATION;
 use deltatwin::identification::fit::FitError;
 use deltatwin::identification::{PayloadFit, identify_payload as identified};
@@ -138,12 +138,11 @@ pub fn identify_payload(
     let done = run(py, bar.function(), move |task| {
         let first = &data.datasets[0];
         let (channels, name) = (first.channels.clone(), first.name.clone());
-        let noise = noise_floor(&own, &data.datasets);
+        let noise = NoiseLevel::of(&own, &data.datasets);
         let stop = || task.stopped();
-        let weights = vec![noise.clone(); data.datasets.len()];
-        let found = identified(&own, &data.datasets, &weights, &how.options(&stop))?;
+        let found = identified(&own, &data.datasets, &noise.of_each, &how.options(&stop))?;
         let setup = machine::Setup { payload: found.payload, ..first.setup };
-        Ok((PayloadIdentification { found, setup, channels, noise }, name))
+        Ok((PayloadIdentification { found, setup, channels, noise: noise.pooled }, name))
     })?;
     law::raised(py)?;
     let (found, name) = done.map_err(|e: FitError| failed(&e))?;

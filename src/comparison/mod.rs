@@ -7,9 +7,8 @@ mod place;
 mod spectrum;
 
 use crate::dynamics::{Channel, Plant};
-use crate::identification::dataset::noise_floor;
 use crate::identification::fit::{FitError, kinematics};
-use crate::identification::{Dataset, Residuals, check_together};
+use crate::identification::{Dataset, HeldOut, NoiseLevel, Residuals, check_together};
 use crate::model::Model;
 
 /// Residuals of a model without refitting.
@@ -19,10 +18,10 @@ pub struct Comparison {
     pub channels: Vec<Channel>,
     /// RMS residual, N·m or N.
     pub rms: Vec<f64>,
-    /// Standard deviation of the sensor noise, N·m or N.
+    /// Pooled standard deviation of the sensor noise, N·m or N.
     pub noise_floor: Vec<f64>,
-    /// RMS residual on held-out data, N·m or N; `None` without such data.
-    pub held_out_rms: Option<Vec<f64>>,
+    /// Errors on held-out data; `None` without such data.
+    pub held_out: Option<HeldOut>,
     /// Patterns of the residual, largest share first.
     pub findings: Vec<Finding>,
 }
@@ -43,14 +42,17 @@ pub struct Finding {
 }
 
 impl Comparison {
+    /// RMS residual and noise floor on the held-out data, or on the fitted ones without any.
+    pub fn judged(&self) -> (&[f64], &[f64]) {
+        self.held_out.as_ref().map_or((&self.rms, &self.noise_floor), |h| (&h.rms, &h.noise_floor))
+    }
+
     /// Largest ratio of RMS residual to noise, over fitted and held-out data, with its channel; `None` without noise.
     pub fn worst(&self) -> Option<(Channel, f64)> {
-        let ratios = |rms: &[f64]| {
-            let of = |((c, r), n): ((&Channel, &f64), &f64)| (*c, r / n);
-            self.channels.iter().zip(rms).zip(&self.noise_floor).map(of).collect::<Vec<_>>()
-        };
-        let held = self.held_out_rms.as_deref().map(ratios).unwrap_or_default();
-        let all = ratios(&self.rms).into_iter().chain(held).filter(|(_, r)| r.is_finite());
+        let held = self.held_out.iter().map(|h| (&h.rms, &h.noise_floor));
+        let sets = std::iter::once((&self.rms, &self.noise_floor)).chain(held);
+        let ratios = sets.flat_map(|(rms, floor)| self.channels.iter().zip(rms.iter().zip(floor).map(|(r, n)| r / n)));
+        let all = ratios.map(|(c, ratio)| (*c, ratio)).filter(|(_, ratio)| ratio.is_finite());
         all.max_by(|a, b| a.1.total_cmp(&b.1))
     }
 }
@@ -69,8 +71,8 @@ pub fn compare(model: &Model, datasets: &[Dataset], held_out: &[Dataset]) -> Res
     check_together(datasets.iter().chain(held_out))?;
     let residuals = Residuals::new(model, datasets)?;
     let rms = residuals.rms.clone();
-    let noise_floor = noise_floor(model, datasets);
-    let held_out_rms = if held_out.is_empty() { None } else { Some(Residuals::new(model, held_out)?.rms) };
+    let noise_floor = NoiseLevel::of(model, datasets).pooled;
+    let held_out = HeldOut::new(model, held_out)?;
     let channels = datasets[0].channels.clone();
     let loud = |c: &usize| rms[*c] > MORE_THAN_NOISE * noise_floor[*c];
     let platform = if (0..channels.len()).any(|c| loud(&c)) { platform(model, datasets)? } else { Vec::new() };
@@ -79,7 +81,7 @@ pub fn compare(model: &Model, datasets: &[Dataset], held_out: &[Dataset]) -> Res
         found.extend(findings::of_channel(channels[c], datasets, &platform, residuals.channel(c), noise_floor[c]));
     }
     found.sort_by(|a, b| b.share.total_cmp(&a.share));
-    Ok(Comparison { channels, rms, noise_floor, held_out_rms, findings: found })
+    Ok(Comparison { channels, rms, noise_floor, held_out, findings: found })
 }
 
 /// Patterns of the residual of channel `c` of a model on recordings, largest share first.
@@ -95,7 +97,7 @@ pub fn patterns(
     residuals: &Residuals,
     c: usize,
 ) -> Result<Vec<Finding>, FitError> {
-    let (channel, noise) = (datasets[0].channels[c], noise_floor(model, datasets)[c]);
+    let (channel, noise) = (datasets[0].channels[c], NoiseLevel::of(model, datasets).pooled[c]);
     let mut found = findings::of_channel(channel, datasets, &platform(model, datasets)?, residuals.channel(c), noise);
     found.sort_by(|a, b| b.share.total_cmp(&a.share));
     Ok(found)

@@ -13,9 +13,8 @@ use super::{DiagnosisError, check, conclusion, problem};
 use crate::dynamics::{Channel, Plant, in_configuration};
 use crate::effects::{ActiveEffect, rigid_bodies};
 use crate::evidence::{self, Assessment, Chosen, Finding, Settings};
-use crate::identification::dataset::noise_floor;
 use crate::identification::fit::{Estimate, Options as FitOptions, fit_with};
-use crate::identification::{Dataset, Residuals};
+use crate::identification::{Dataset, NoiseLevel, Residuals};
 use crate::machine::Unit;
 use crate::model::Model;
 
@@ -118,7 +117,7 @@ pub fn changed(
     let rms = |model: &Model| Residuals::new(model, judged).map(|residuals| residuals.rms);
     Ok(Changed {
         channels: judged[0].channels.clone(),
-        noise_floor: noise_floor(model, judged),
+        noise_floor: NoiseLevel::of(model, judged).pooled,
         rms_before: rms(&fit.model)?,
         rms_after: rms(&present)?,
         causes,
@@ -155,8 +154,8 @@ fn refit(
     if found.is_empty() {
         return Ok((model, Vec::new()));
     }
-    let weights = vec![noise_floor(&model, later); later.len()];
-    let fit = fit_with(&model, later, &weights, &FitOptions { fixed: &fixed, ..FitOptions::default() })?;
+    let noise = NoiseLevel::of(&model, later);
+    let fit = fit_with(&model, later, &noise.of_each, &FitOptions { fixed: &fixed, ..FitOptions::default() })?;
     Ok((fit.model, fit.parameters))
 }
 

@@ -4,9 +4,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::effects::{Effect, Param};
-use crate::identification::Dataset;
-use crate::identification::dataset::noise_floor;
 use crate::identification::fit::{self, Fit, FitError, Options as FitOptions, fit_with};
+use crate::identification::{Dataset, NoiseLevel};
 use crate::model::Model;
 
 /// Function that returns the share of the permitted time that has passed; 1 or more when it is up.
@@ -47,8 +46,8 @@ const FIRST_SEARCH: f64 = 2.0;
 /// Fits of models to the recordings.
 pub(super) struct Fitting<'a> {
     pub datasets: &'a [Dataset],
-    /// Standard deviation of the noise of each channel.
-    pub noise: Vec<f64>,
+    /// Their noise.
+    pub noise: NoiseLevel,
     /// Effects whose parameters are held.
     pub fixed: &'a [String],
     /// Effects outside the registry.
@@ -73,7 +72,7 @@ pub struct Work {
 
 impl<'a> Fitting<'a> {
     pub fn new(model: &Model, datasets: &'a [Dataset], options: &Options<'a>) -> Self {
-        let noise = noise_floor(model, datasets);
+        let noise = NoiseLevel::of(model, datasets);
         Self {
             datasets,
             noise,
@@ -88,14 +87,13 @@ impl<'a> Fitting<'a> {
 
     /// Refits the parameters of `model` that are not fixed.
     pub fn fit(&self, model: &Model) -> Result<Fit, FitError> {
-        let weights = vec![self.noise.clone(); self.datasets.len()];
         let stop = || {
             let is_late = self.is_late();
             self.was_stopped.fetch_or(is_late, Ordering::Relaxed);
             is_late
         };
         let options = FitOptions { fixed: self.fixed, stop: Some(&stop), ..FitOptions::default() };
-        let fitted = fit_with(model, self.datasets, &weights, &options)?;
+        let fitted = fit_with(model, self.datasets, &self.noise.of_each, &options)?;
         let mut work = self.work.lock().unwrap_or_else(PoisonError::into_inner);
         work.fits += 1;
         work.fitting += fitted.work;

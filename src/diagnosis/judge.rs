@@ -7,9 +7,8 @@ use super::fitting::Fitting;
 use super::problem::{self, Edges};
 use crate::evidence::Problem;
 use crate::evidence::drift::Noise;
-use crate::identification::dataset::noise_floor;
 use crate::identification::fit::{Fit, FitError};
-use crate::identification::{Dataset, Residuals};
+use crate::identification::{Dataset, NoiseLevel, Residuals};
 use crate::model::Model;
 
 /// Smallest relative RMS contribution of an effect on some channel, for it to be named. It is relative to the
@@ -62,7 +61,8 @@ pub(super) struct Judge<'a> {
 
 impl<'a> Judge<'a> {
     pub fn new(fitting: &'a Fitting<'a>, model: &Model, held_out: &'a [Dataset]) -> Self {
-        let floor = if held_out.is_empty() { fitting.noise.clone() } else { noise_floor(model, held_out) };
+        let own = || fitting.noise.pooled.clone();
+        let floor = if held_out.is_empty() { own() } else { NoiseLevel::of(model, held_out).pooled };
         Self { fitting, held_out, floor }
     }
 
@@ -99,7 +99,7 @@ impl<'a> Judge<'a> {
             let rms = rms_away_from_reversals(datasets, residuals);
             rms.iter().zip(floor).any(|(r, f)| *r > UNEXPLAINED * f)
         };
-        above(self.fitting.datasets, &judged.fit.residuals, &self.fitting.noise)
+        above(self.fitting.datasets, &judged.fit.residuals, &self.fitting.noise.pooled)
             && above(self.data(), &judged.residuals, &self.floor)
     }
 
@@ -115,8 +115,8 @@ impl<'a> Judge<'a> {
     /// Whether an effect gains so much less on the fitted data than what is left with it above the noise that no
     /// validation data will confirm it.
     pub fn is_lost_in_the_rest(&self, without: &Judged, with: &Judged) -> bool {
-        let energy = |judged: &Judged| relative_energy(&judged.fit.residuals.rms, &self.fitting.noise);
-        let channels = self.fitting.noise.len() as f64;
+        let energy = |judged: &Judged| relative_energy(&judged.fit.residuals.rms, &self.fitting.noise.pooled);
+        let channels = self.fitting.noise.pooled.len() as f64;
         let (gain, left) = (energy(without) - energy(with), energy(with) - channels);
         left > FEW * channels && gain < LOST * ABOVE_THE_REST * left
     }
@@ -132,7 +132,7 @@ impl<'a> Judge<'a> {
         let gain = |without: &[f64], with: &[f64], floor: &[f64]| {
             relative_energy(without, floor) - relative_energy(with, floor)
         };
-        let fitted = gain(&rms(without), &rms(with), &self.fitting.noise);
+        let fitted = gain(&rms(without), &rms(with), &self.fitting.noise.pooled);
         let [before, after] = [self.resolved_rms(without), self.resolved_rms(with)];
         let held_out = gain(&before, &after, &self.floor);
         let change = resolved_rms(self.data(), &without.residuals.minus(&with.residuals));
@@ -155,7 +155,7 @@ impl Fitting<'_> {
     fn gain(&self, without: &Fit, with: &Fit) -> Result<f64, FitError> {
         let datasets = self.datasets;
         let (segments, samples) = problem::segments(datasets);
-        let series = |fit: &Fit| problem::residual_series(datasets, &fit.residuals);
+        let series = |fit: &Fit| self.residual_series(&fit.residuals);
         let (before, mut left) = (series(without), series(with));
         let mut noise = Noise::of(&left, samples, &segments, drives(datasets));
         if !noise.wanders() {

@@ -158,7 +158,7 @@ impl Fitting<'_> {
     pub fn problem(&self, fit: &Fit, candidates: &[Vec<ActiveEffect>], edges: Edges) -> Result<Problem, FitError> {
         let datasets = self.datasets;
         let (segments, samples) = segments(datasets);
-        let (mut owned, columns) = linearised(&fit.model, datasets, &candidates.concat())?;
+        let (mut owned, columns) = self.linearised(&fit.model, &candidates.concat())?;
         owned.retain(|o| !self.is_fixed(o.param));
         let mut columns = columns.into_iter();
         let mut candidate = |shapes: &Vec<ActiveEffect>| {
@@ -169,8 +169,8 @@ impl Fitting<'_> {
             channels: self.channels(),
             samples,
             segments,
-            y: residual_series(datasets, &fit.residuals),
-            base: along_edges(owned, fit, edges).into_iter().chain(blurred_reversals(datasets)).collect(),
+            y: self.residual_series(&fit.residuals),
+            base: along_edges(owned, fit, edges).into_iter().chain(self.blurred_reversals()).collect(),
             candidates: candidates.iter().map(&mut candidate).collect(),
         })
     }
@@ -189,11 +189,11 @@ impl Fitting<'_> {
         let is_sensor = |shapes: &Vec<ActiveEffect>| shapes[0].effect.kind() == Kind::Sensor;
         let sensors: Vec<ActiveEffect> =
             candidates.iter().filter(|shapes| is_sensor(shapes)).flatten().cloned().collect();
-        let (mut owned, columns) = linearised(&fit.model, datasets, &sensors)?;
+        let (mut owned, columns) = self.linearised(&fit.model, &sensors)?;
         owned.retain(|o| !self.is_fixed(o.param));
         let mut next = Problem {
-            y: residual_series(datasets, &fit.residuals),
-            base: along_edges(owned, fit, edges).into_iter().chain(blurred_reversals(datasets)).collect(),
+            y: self.residual_series(&fit.residuals),
+            base: along_edges(owned, fit, edges).into_iter().chain(self.blurred_reversals()).collect(),
             ..problem.clone()
         };
         let mut columns = columns.into_iter();
@@ -220,7 +220,7 @@ impl Fitting<'_> {
             values.chunks_mut(samples).for_each(|channel| channel[..first].fill(0.0));
             Column { values, ..column.clone() }
         };
-        let (owned, columns) = linearised(model, datasets, &absent.concat())?;
+        let (owned, columns) = self.linearised(model, &absent.concat())?;
         let mut candidates: Vec<Candidate> = Vec::new();
         for o in owned.iter().filter(|o| o.linear.is_some() && can_change(o.param.effect)) {
             let column = Column { magnitude: WORTH_CARING * o.column.magnitude, ..later(&o.column) };
@@ -242,16 +242,121 @@ impl Fitting<'_> {
             channels: self.channels(),
             samples,
             segments,
-            y: residual_series(datasets, &Residuals::new(model, datasets)?),
-            base: owned.into_iter().map(|o| o.column).chain(blurred_reversals(datasets)).collect(),
+            y: self.residual_series(&Residuals::new(model, datasets)?),
+            base: owned.into_iter().map(|o| o.column).chain(self.blurred_reversals()).collect(),
             candidates,
         })
+    }
+
+    /// Columns of all estimated parameters of a model except those that the motion does not excite.
+    pub fn owned_columns(&self, model: &Model) -> Result<Vec<Owned>, FitError> {
+        Ok(self.linearised(model, &[])?.0)
+    }
+
+    /// Columns of the estimated parameters of a model, and of the linear parameters of each candidate, added to the model
+    /// with its initial values.
+    fn linearised(
+        &self,
+        model: &Model,
+        candidates: &[ActiveEffect],
+    ) -> Result<(Vec<Owned>, Vec<Vec<Column>>), FitError> {
+        let datasets = self.datasets;
+        let parameters = Plant::new(model, &datasets[0].setup).parameters();
+        let block = block(datasets);
+        let one =
+            |t: &Dataset| averaged_columns(&Plant::new(model, &t.setup), t, candidates, block).map_err(kinematics(t));
+        let all: Vec<Vec<Vec<Channels>>> = datasets.iter().map(one).collect::<Result<_, FitError>>()?;
+        let own = all[0].len() - candidates.len();
+        let owned = parameters
+            .free(&[])
+            .into_iter()
+            .map(|k| (k, &parameters[k]))
+            .map(|(k, p)| Owned {
+                param: p.param,
+                linear: (p.role == Role::Linear).then_some(p.value),
+                column: Column {
+                    name: p.name.clone(),
+                    values: self.stack(all.iter().map(|dataset| parameters.pick(k, dataset))),
+                    magnitude: nominal_size(p),
+                },
+            })
+            .filter(|o| o.column.values.iter().any(|v| (v * o.column.magnitude).abs() > NOT_EXCITED))
+            .collect();
+        let measured = rms(datasets.iter().flat_map(|t| t.measured[0].iter().copied()));
+        let candidate = |(j, active): (usize, &ActiveEffect)| {
+            let entries = active.entries();
+            let linear = entries.iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Linear);
+            let column = |(k, e): (usize, &Entry)| {
+                let values = self.stack(all.iter().map(|dataset| &dataset[own + j][k]));
+                let magnitude = match model.mechanism {
+                    Mechanism::Delta { .. } => WORTH_CARING * e.parameter.default.abs(),
+                    // The usual size on a lone axis is relative to its torque, because its limits are often estimates.
+                    Mechanism::Axis(_) => WORTH_CARING * USUAL_SHARE * measured / rms(values.iter().copied()),
+                };
+                Column { name: e.full_name(), values, magnitude: if magnitude.is_finite() { magnitude } else { 0.0 } }
+            };
+            linear.map(column).collect()
+        };
+        let columns = candidates.iter().enumerate().map(candidate).collect();
+        Ok((owned, columns))
+    }
+
+    /// Columns of the smoothing error of friction at the reversals of recordings that do not resolve them.
+    ///
+    /// Friction jumps when an axis reverses; that of the smoothed rate changes over a time that the recording does not tell.
+    /// The difference is odd about the reversal and decays away from it, as s·sgn(t − t_r)·exp(−|t − t_r|/T), s the new
+    /// direction, with one column per time constant T between two samples and the half width of the differentiation.
+    pub fn blurred_reversals(&self) -> Vec<Column> {
+        let datasets = self.datasets;
+        if !datasets.iter().any(Dataset::blurs_reversals) {
+            return Vec::new();
+        }
+        let block = block(datasets);
+        let drives: Vec<usize> = datasets[0].channels.iter().filter_map(|c| c.drive()).collect();
+        let mut all = Vec::new();
+        for &drive in &drives {
+            let reach = datasets.iter().map(|t| t.half_width[drive] as f64 * t.dt).fold(0.0, f64::max);
+            let least = 2.0 * datasets.iter().map(|t| t.dt).fold(0.0, f64::max);
+            for k in 0..BLURS {
+                let decay = least * (reach / least).max(1.0).powf(k as f64 / (BLURS - 1) as f64);
+                let blurred = |t: &Dataset| {
+                    let mut channels = vec![vec![0.0; t.blocks(block).count()]; t.channels.len()];
+                    channels[drive] = t.means(&blur(t, drive, decay), block);
+                    channels
+                };
+                let parts: Vec<Channels> = datasets.iter().map(blurred).collect();
+                let values = self.stack(parts.iter());
+                if values.iter().any(|v| *v != 0.0) {
+                    all.push(Column { name: format!("reversals {}.{}", drive + 1, k + 1), values, magnitude: 0.0 });
+                }
+            }
+        }
+        all
+    }
+
+    /// Residuals of the fitted recordings as one series, as [`Self::stack`] makes it.
+    pub fn residual_series(&self, residuals: &Residuals) -> Vec<f64> {
+        let parts: Vec<Channels> = averaged(self.datasets, residuals);
+        self.stack(parts.iter())
+    }
+
+    /// One series of averaged channels: channel by channel, dataset by dataset.
+    ///
+    /// Every recording weighs by its own noise: its part is scaled to the pooled noise of the channel.
+    fn stack<'b>(&self, datasets: impl Iterator<Item = &'b Channels>) -> Vec<f64> {
+        let datasets: Vec<&Channels> = datasets.collect();
+        let part = |c: usize, (own, sigma): (&&Channels, &Vec<f64>)| {
+            let scale = self.noise.pooled[c] / sigma[c];
+            own[c].iter().map(|x| scale * x).collect::<Vec<f64>>()
+        };
+        let parts = |c: usize| datasets.iter().zip(&self.noise.of_each).flat_map(move |one| part(c, one));
+        (0..datasets[0].len()).flat_map(parts).collect()
     }
 
     /// Channels with the noise of their means over [`block`] samples.
     fn channels(&self) -> Vec<Channel> {
         let scale = (block(self.datasets) as f64).sqrt();
-        let channels = self.datasets[0].channels.iter().zip(&self.noise);
+        let channels = self.datasets[0].channels.iter().zip(&self.noise.pooled);
         channels.map(|(c, sigma)| Channel { name: c.to_string(), noise_sigma: Some(sigma / scale) }).collect()
     }
 }
@@ -296,59 +401,8 @@ pub struct Owned {
     pub column: Column,
 }
 
-/// Columns of all estimated parameters of a model except those that the motion does not excite.
-pub fn owned_columns(model: &Model, datasets: &[Dataset]) -> Result<Vec<Owned>, FitError> {
-    Ok(linearised(model, datasets, &[])?.0)
-}
-
 /// Contribution of a parameter of usual size below which it counts as not excited, N·m or N.
 const NOT_EXCITED: f64 = 1e-9;
-
-/// Columns of the estimated parameters of a model, and of the linear parameters of each candidate, added to the model
-/// with its initial values.
-fn linearised(
-    model: &Model,
-    datasets: &[Dataset],
-    candidates: &[ActiveEffect],
-) -> Result<(Vec<Owned>, Vec<Vec<Column>>), FitError> {
-    let parameters = Plant::new(model, &datasets[0].setup).parameters();
-    let block = block(datasets);
-    let one = |t: &Dataset| averaged_columns(&Plant::new(model, &t.setup), t, candidates, block).map_err(kinematics(t));
-    let all: Vec<Vec<Vec<Channels>>> = datasets.iter().map(one).collect::<Result<_, FitError>>()?;
-    let own = all[0].len() - candidates.len();
-    let owned = parameters
-        .free(&[])
-        .into_iter()
-        .map(|k| (k, &parameters[k]))
-        .map(|(k, p)| Owned {
-            param: p.param,
-            linear: (p.role == Role::Linear).then_some(p.value),
-            column: Column {
-                name: p.name.clone(),
-                values: stack(all.iter().map(|dataset| parameters.pick(k, dataset))),
-                magnitude: nominal_size(p),
-            },
-        })
-        .filter(|o| o.column.values.iter().any(|v| (v * o.column.magnitude).abs() > NOT_EXCITED))
-        .collect();
-    let measured = rms(datasets.iter().flat_map(|t| t.measured[0].iter().copied()));
-    let candidate = |(j, active): (usize, &ActiveEffect)| {
-        let entries = active.entries();
-        let linear = entries.iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Linear);
-        let column = |(k, e): (usize, &Entry)| {
-            let values = stack(all.iter().map(|dataset| &dataset[own + j][k]));
-            let magnitude = match model.mechanism {
-                Mechanism::Delta { .. } => WORTH_CARING * e.parameter.default.abs(),
-                // The usual size on a lone axis is relative to its torque, because its limits are often estimates.
-                Mechanism::Axis(_) => WORTH_CARING * USUAL_SHARE * measured / rms(values.iter().copied()),
-            };
-            Column { name: e.full_name(), values, magnitude: if magnitude.is_finite() { magnitude } else { 0.0 } }
-        };
-        linear.map(column).collect()
-    };
-    let columns = candidates.iter().enumerate().map(candidate).collect();
-    Ok((owned, columns))
-}
 
 /// Restriction of the parameters by the active consistency constraints of a fit.
 ///
@@ -398,35 +452,6 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 /// Number of time constants of the smoothing error at reversals.
 const BLURS: usize = 4;
 
-/// Columns of the smoothing error of friction at the reversals of recordings that do not resolve them.
-///
-/// Friction jumps when an axis reverses; that of the smoothed rate changes over a time that the recording does not tell.
-/// The difference is odd about the reversal and decays away from it, as s·sgn(t − t_r)·exp(−|t − t_r|/T), s the new
-/// direction, with one column per time constant T between two samples and the half width of the differentiation.
-pub fn blurred_reversals(datasets: &[Dataset]) -> Vec<Column> {
-    if !datasets.iter().any(Dataset::blurs_reversals) {
-        return Vec::new();
-    }
-    let block = block(datasets);
-    let drives: Vec<usize> = datasets[0].channels.iter().filter_map(|c| c.drive()).collect();
-    let mut all = Vec::new();
-    for &drive in &drives {
-        let reach = datasets.iter().map(|t| t.half_width[drive] as f64 * t.dt).fold(0.0, f64::max);
-        let least = 2.0 * datasets.iter().map(|t| t.dt).fold(0.0, f64::max);
-        for k in 0..BLURS {
-            let decay = least * (reach / least).max(1.0).powf(k as f64 / (BLURS - 1) as f64);
-            let values = datasets.iter().map(|t| t.means(&blur(t, drive, decay), block)).collect::<Vec<_>>().concat();
-            if values.iter().all(|v| *v == 0.0) {
-                continue;
-            }
-            let mut whole = vec![0.0; datasets[0].channels.len() * values.len()];
-            whole[drive * values.len()..(drive + 1) * values.len()].copy_from_slice(&values);
-            all.push(Column { name: format!("reversals {}.{}", drive + 1, k + 1), values: whole, magnitude: 0.0 });
-        }
-    }
-    all
-}
-
 /// Smoothing error at the reversals of a drive with the time constant `decay`, s, per unit of friction.
 fn blur(dataset: &Dataset, drive: usize, decay: f64) -> Vec<f64> {
     let rate = |k: usize| dataset.joints[k].qd[drive];
@@ -456,12 +481,6 @@ pub fn not_excited(problem: &Problem, unseen: &[String]) -> Vec<String> {
         .collect()
 }
 
-/// One series, channel by channel, dataset by dataset.
-fn stack<'a>(datasets: impl Iterator<Item = &'a Channels>) -> Vec<f64> {
-    let datasets: Vec<&Channels> = datasets.collect();
-    (0..datasets[0].len()).flat_map(|c| datasets.iter().flat_map(move |t| &t[c])).copied().collect()
-}
-
 /// Averaged segments of all datasets in sequence, and their total length.
 pub fn segments(datasets: &[Dataset]) -> (Vec<std::ops::Range<usize>>, usize) {
     let averaged = averaged_segments(datasets, block(datasets));
@@ -471,11 +490,13 @@ pub fn segments(datasets: &[Dataset]) -> (Vec<std::ops::Range<usize>>, usize) {
 
 /// Residuals of datasets as one series: channel by channel, dataset by dataset.
 pub fn residual_series(datasets: &[Dataset], residuals: &Residuals) -> Vec<f64> {
-    let mut out = Vec::new();
-    for c in 0..datasets[0].channels.len() {
-        for (dataset, series) in datasets.iter().zip(&residuals.series) {
-            out.extend(dataset.means(&series[c], block(datasets)));
-        }
-    }
-    out
+    let parts = averaged(datasets, residuals);
+    (0..datasets[0].channels.len()).flat_map(|c| parts.iter().flat_map(move |t| &t[c])).copied().collect()
+}
+
+/// Residuals of every dataset, averaged over [`block`] samples.
+fn averaged(datasets: &[Dataset], residuals: &Residuals) -> Vec<Channels> {
+    let block = block(datasets);
+    let of = |(t, series): (&Dataset, &Channels)| series.iter().map(|own| t.means(own, block)).collect();
+    datasets.iter().zip(&residuals.series).map(of).collect()
 }

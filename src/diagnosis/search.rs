@@ -353,11 +353,7 @@ impl<'a> Search<'a> {
     /// back to y.
     fn relinearised(&self, fitted: &Fit, stated: &Problem, chosen: &[Chosen]) -> Result<Problem, FitError> {
         let (fitting, names) = (self.judge.fitting, self.names(chosen));
-        let mut next = Problem {
-            y: problem::residual_series(fitting.datasets, &fitted.residuals),
-            base: Vec::new(),
-            ..stated.clone()
-        };
+        let mut next = Problem { y: fitting.residual_series(&fitted.residuals), base: Vec::new(), ..stated.clone() };
         let mut base = Vec::new();
         for c in chosen {
             next.candidates[c.candidate].variants[c.variant].columns.clear();
@@ -378,7 +374,7 @@ impl<'a> Search<'a> {
             next.candidates[chosen[i].candidate].variants[chosen[i].variant].columns.push(owned.column.clone());
         }
         next.base = problem::along_edges(base, fitted, self.edges);
-        next.base.extend(problem::blurred_reversals(fitting.datasets));
+        next.base.extend(fitting.blurred_reversals());
         Ok(next)
     }
 }

@@ -303,15 +303,6 @@ pub fn stride_for(n: usize, most: usize) -> usize {
     n.div_ceil(most.max(1)).max(1)
 }
 
-/// Noise standard deviation of each channel, averaged over the datasets.
-///
-/// # Panics
-/// If `datasets` is empty.
-pub fn noise_floor(model: &Model, datasets: &[Dataset]) -> Vec<f64> {
-    let all: Vec<Vec<f64>> = datasets.iter().map(|t| t.noise(model)).collect();
-    (0..all[0].len()).map(|c| all.iter().map(|n| n[c]).sum::<f64>() / all.len() as f64).collect()
-}
-
 /// Ranges of each of `pieces` in which a lone axis moves; all of it if it hardly ever does.
 ///
 /// Static friction takes any value up to its limit at rest, so the torque of an axis that stands is no function of its

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::DVector;
 
 use super::fit::Options;
-use super::{BaseParameter, Dataset, Fit, FitError, Residuals, check_together, fit_with};
+use super::{BaseParameter, Dataset, Fit, FitError, NoiseLevel, Residuals, check_together, fit_with};
 use crate::effects::rigid_bodies;
 use crate::evidence::{t_quantile, t_statistic};
 use crate::machine::{Configuration, LinkParameters, Unit};
@@ -59,7 +59,7 @@ pub fn limb_test(
     fitted: &Fit,
     model: &Model,
     (datasets, held_out): (&[Dataset], &[Dataset]),
-    noise: &[f64],
+    noise: &NoiseLevel,
     options: &Options,
 ) -> Result<Option<LimbTest>, FitError> {
     let is_whole = datasets.iter().all(|d| d.setup.configuration == Configuration::Assembled);
@@ -69,13 +69,13 @@ pub fn limb_test(
     check_together(datasets.iter().chain(held_out))?;
     let links = model.link_parameters;
     let other = Model { link_parameters: LinkParameters { each_limb: !links.each_limb, ..links }, ..model.clone() };
-    let other = fit_with(&other, datasets, &vec![noise.to_vec(); datasets.len()], options)?;
+    let other = fit_with(&other, datasets, &noise.of_each, options)?;
     let (own, alike) = if links.each_limb { (fitted, &other) } else { (&other, fitted) };
     let losses = |fit: &Fit| -> Result<DVector<f64>, FitError> {
         if held_out.is_empty() {
             Ok(blockwise(&fit.residuals, noise))
         } else {
-            Ok(blockwise(&Residuals::new(&fit.model, held_out)?, noise))
+            Ok(blockwise(&Residuals::new(&fit.model, held_out)?, &NoiseLevel::of(model, held_out)))
         }
     };
     let (of_own, of_alike) = (losses(own)?, losses(alike)?);
@@ -87,13 +87,16 @@ pub fn limb_test(
     Ok(Some(LimbTest { demanded, error, t, held_out: !held_out.is_empty(), differing }))
 }
 
-/// Squared residuals in units of the noise, summed over [`BLOCKS`] blocks of time.
-fn blockwise(residuals: &Residuals, noise: &[f64]) -> DVector<f64> {
+/// Squared residuals in units of each recording's noise, summed over [`BLOCKS`] blocks of time.
+fn blockwise(residuals: &Residuals, noise: &NoiseLevel) -> DVector<f64> {
     let mut losses = DVector::zeros(BLOCKS);
-    for (channel, sigma) in noise.iter().enumerate() {
-        let series = residuals.channel(channel);
-        for (k, r) in series.iter().enumerate() {
-            losses[k * BLOCKS / series.len()] += (r / sigma).powi(2);
+    for channel in 0..noise.pooled.len() {
+        let mut all = Vec::new();
+        for (series, sigma) in residuals.series.iter().zip(&noise.of_each) {
+            all.extend(series[channel].iter().map(|r| r / sigma[channel]));
+        }
+        for (k, r) in all.iter().enumerate() {
+            losses[k * BLOCKS / all.len()] += r.powi(2);
         }
     }
     losses
@@ -157,7 +160,8 @@ mod tests {
     fn losses_are_sums_of_squares_in_units_of_the_noise() {
         let residuals = Residuals { series: vec![vec![vec![2.0; 64], vec![3.0; 64]]; 2], rms: vec![2.0, 3.0] };
         // Four of 128 samples in each of 32 blocks: 4·((2/1)² + (3/2)²).
-        let losses = blockwise(&residuals, &[1.0, 2.0]);
+        let noise = NoiseLevel { of_each: vec![vec![1.0, 2.0]; 2], pooled: vec![1.0, 2.0] };
+        let losses = blockwise(&residuals, &noise);
         assert_eq!((losses.len(), losses[0], losses[31]), (32, 25.0, 25.0));
     }
 }

@@ -1,8 +1,8 @@
 //! [`Residuals`]: measured minus predicted channels of recordings.
 
-use super::Dataset;
 use super::fit::{FitError, kinematics};
 use super::prediction::{Channels, predict};
+use super::{Dataset, NoiseLevel};
 use crate::dynamics::Plant;
 use crate::model::Model;
 
@@ -13,6 +13,29 @@ pub struct Residuals {
     pub series: Vec<Channels>,
     /// Root mean square of each channel over all recordings, N·m or N.
     pub rms: Vec<f64>,
+}
+
+/// Errors of a model on recordings that no fit uses.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HeldOut {
+    /// RMS residual of each channel, N·m or N.
+    pub rms: Vec<f64>,
+    /// Pooled noise of each channel in these recordings, N·m or N.
+    pub noise_floor: Vec<f64>,
+}
+
+impl HeldOut {
+    /// Errors of `model` on the recordings `held_out`; `None` without any.
+    ///
+    /// # Errors
+    /// [`FitError::Kinematics`] if the inverse dynamics fail at a measured pose.
+    pub fn new(model: &Model, held_out: &[Dataset]) -> Result<Option<Self>, FitError> {
+        if held_out.is_empty() {
+            return Ok(None);
+        }
+        let rms = Residuals::new(model, held_out)?.rms;
+        Ok(Some(Self { rms, noise_floor: NoiseLevel::of(model, held_out).pooled }))
+    }
 }
 
 impl Residuals {

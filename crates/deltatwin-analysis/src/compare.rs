@@ -3,7 +3,7 @@
 use serde_json::{Map, Value, json};
 
 use crate::gate;
-use crate::json::{channel_names, insert_channels};
+use crate::json::{channel_names, insert_channels, insert_held_out};
 use deltatwin::comparison::{Comparison, Finding};
 
 /// The comparison as a JSON object, with what the gate said about its recordings.
@@ -12,10 +12,7 @@ pub fn json(c: &Comparison, findings: &[deltatwin::gate::Finding]) -> Value {
     object.insert("channels".into(), channel_names(&c.channels));
     insert_channels(&mut object, "rms", &c.channels, &c.rms);
     insert_channels(&mut object, "noise_floor", &c.channels, &c.noise_floor);
-    match &c.held_out_rms {
-        Some(rms) => insert_channels(&mut object, "held_out_rms", &c.channels, rms),
-        None => drop(object.insert("held_out_rms".into(), Value::Null)),
-    }
+    insert_held_out(&mut object, &c.channels, c.held_out.as_ref());
     let finding = |f: &Finding| {
         json!({
             "axis": f.channel.drive().map(|i| i + 1),

@@ -4,11 +4,11 @@ use std::path::Path;
 
 use serde_json::{Map, Value, json};
 
-use crate::json::{channel_names, estimates, insert_channels, path};
+use crate::json::{channel_names, estimates, insert_channels, insert_held_out, path};
 use deltatwin::dynamics::Channel;
 use deltatwin::identification::consistency::min_eigenvalue;
 use deltatwin::identification::fit::{Moved, Unidentified};
-use deltatwin::identification::{BaseParameter, Fit, LimbTest};
+use deltatwin::identification::{BaseParameter, Fit, HeldOut, LimbTest};
 use deltatwin::machine::bodies::{Inertia, body_name};
 use deltatwin::model::Model;
 
@@ -19,15 +19,21 @@ pub struct Identification {
     pub fitted: Fit,
     /// Channels, in the order of the following arrays.
     pub channels: Vec<Channel>,
-    /// Standard deviation of the sensor noise, N·m or N.
+    /// Pooled standard deviation of the sensor noise, N·m or N.
     pub noise_floor: Vec<f64>,
-    /// RMS residual on held-out data, N·m or N; `None` without such data.
-    pub held_out_rms: Option<Vec<f64>>,
+    /// Errors on held-out data; `None` without such data.
+    pub held_out: Option<HeldOut>,
     /// Whether the data demand limbs with their own parameters; `None` if not asked or without limbs.
     pub limbs: Option<LimbTest>,
 }
 
 impl Identification {
+    /// RMS residual and noise floor on the held-out data, or on the fitted ones without any.
+    pub fn judged(&self) -> (&[f64], &[f64]) {
+        let fitted = (&self.fitted.residuals.rms[..], &self.noise_floor[..]);
+        self.held_out.as_ref().map_or(fitted, |h| (&h.rms, &h.noise_floor))
+    }
+
     /// The fit as a JSON object; `model` is the written file.
     pub fn json(&self, model: Option<&Path>) -> Value {
         let mut object = Map::new();
@@ -40,10 +46,7 @@ impl Identification {
         object.insert("unidentified".into(), unidentified(&self.fitted));
         object.insert("channels".into(), channel_names(&self.channels));
         insert_channels(&mut object, "rms", &self.channels, &self.fitted.residuals.rms);
-        match &self.held_out_rms {
-            Some(rms) => insert_channels(&mut object, "held_out_rms", &self.channels, rms),
-            None => drop(object.insert("held_out_rms".into(), Value::Null)),
-        }
+        insert_held_out(&mut object, &self.channels, self.held_out.as_ref());
         insert_channels(&mut object, "noise_floor", &self.channels, &self.noise_floor);
         object.insert("min_pseudo_inertia_eigenvalue".into(), json!(min_eigenvalue(&self.fitted.model.bodies)));
         object.insert("pseudo_inertia_eigenvalues".into(), eigenvalues(&self.fitted.model));

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value, json};
 
 use deltatwin::dynamics::Channel;
-use deltatwin::identification::Estimate;
+use deltatwin::identification::{Estimate, HeldOut};
 
 /// A path as JSON.
 pub fn path(path: &Path) -> Value {
@@ -33,6 +33,17 @@ pub fn insert_channels(object: &mut Map<String, Value>, key: &str, channels: &[C
     object.insert(key.into(), json!(values[..axes]));
     if values.len() > axes {
         object.insert(format!("strut_{key}"), json!(values[axes..]));
+    }
+}
+
+/// Inserts the errors on held-out data into a JSON object, and the noise there; both null without such data.
+pub fn insert_held_out(object: &mut Map<String, Value>, channels: &[Channel], held_out: Option<&HeldOut>) {
+    match held_out {
+        Some(h) => {
+            insert_channels(object, "held_out_rms", channels, &h.rms);
+            insert_channels(object, "held_out_noise_floor", channels, &h.noise_floor);
+        }
+        None => object.extend(["held_out_rms", "held_out_noise_floor"].map(|key| (key.into(), Value::Null))),
     }
 }
 

@@ -75,8 +75,8 @@ pub fn of_run(a: &Analysis, model: &Model, data: &Data, origin: &Origin) -> Resu
 /// RMS errors of a run at every stage of the model, N·m or N.
 fn stages_of_run(a: &Analysis) -> Vec<(&str, &[f64])> {
     let d = &a.diagnosis;
-    let delivered = a.delivered.held_out_rms.as_ref().unwrap_or(&a.delivered.rms);
-    let identified = a.identification.held_out_rms.as_ref().unwrap_or(&a.identification.fitted.residuals.rms);
+    let delivered = a.delivered.judged().0;
+    let identified = a.identification.judged().0;
     let mut stages: Vec<(&str, &[f64])> = vec![("delivered", delivered), ("identified", identified)];
     if !d.effects.is_empty() || d.unexplained.is_some() {
         stages.push(("effect added", &d.rms_after));
@@ -109,8 +109,8 @@ pub fn of_comparison(
 ) -> Result<Report, FitError> {
     let title = format!("{} compared with what was measured", model.name);
     let mut page = dated(&title, compared_with(data), origin);
-    let rms = c.held_out_rms.as_ref().unwrap_or(&c.rms);
-    let held_out = c.held_out_rms.is_some();
+    let (rms, noise_floor) = c.judged();
+    let held_out = c.held_out.is_some();
     let mut models = vec![Stage { name: "model", model }];
     let mut stages: Vec<(&str, &[f64])> = vec![("model", rms)];
     let judged = if held_out { &data.held_out } else { &data.datasets };
@@ -119,9 +119,9 @@ pub fn of_comparison(
         models.push(Stage { name, model: other });
         stages.push((name, &left.rms));
     }
-    errors::add(&mut page, &Errors { channels: &c.channels, stages, noise_floor: &c.noise_floor, held_out });
+    errors::add(&mut page, &Errors { channels: &c.channels, stages, noise_floor, held_out });
     warnings(&mut page, &origin.warnings, &[]);
-    residuals(&mut page, &models, data, &c.noise_floor)?;
+    residuals(&mut page, &models, data, noise_floor)?;
     findings(&mut page, c, "Where the model fails");
     end(&mut page, origin);
     Ok(page)
@@ -139,14 +139,14 @@ pub fn of_identification(
     origin: &Origin,
 ) -> Result<Report, FitError> {
     let mut page = begin(&format!("{} identified", model.name), data, origin);
-    let rms = i.held_out_rms.as_ref().unwrap_or(&i.fitted.residuals.rms);
-    let delivered = before.held_out_rms.as_ref().unwrap_or(&before.rms);
+    let (rms, noise_floor) = i.judged();
+    let delivered = before.judged().0;
     let stages: Vec<(&str, &[f64])> = vec![("delivered", delivered), ("identified", rms)];
-    let held_out = i.held_out_rms.is_some();
-    errors::add(&mut page, &Errors { channels: &i.channels, stages, noise_floor: &i.noise_floor, held_out });
+    let held_out = i.held_out.is_some();
+    errors::add(&mut page, &Errors { channels: &i.channels, stages, noise_floor, held_out });
     warnings(&mut page, &origin.warnings, &[]);
     let models = [Stage { name: "delivered", model }, Stage { name: "identified", model: &i.fitted.model }];
-    residuals(&mut page, &models, data, &i.noise_floor)?;
+    residuals(&mut page, &models, data, noise_floor)?;
     page.anchored("parameters", "Parameters");
     parameter_table(&mut page, model, data, &[("identified", &i.fitted.parameters)]);
     end(&mut page, origin);

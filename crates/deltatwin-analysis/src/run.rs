@@ -11,8 +11,7 @@ use deltatwin::comparison::{Comparison, compare};
 use deltatwin::diagnosis::{Clock, Diagnosis, DiagnosisError, Options, diagnose_with};
 use deltatwin::evidence::Stop;
 use deltatwin::gate::Finding;
-use deltatwin::identification::dataset::noise_floor;
-use deltatwin::identification::{Dataset, FitError, Residuals, fit, fit_with};
+use deltatwin::identification::{FitError, HeldOut, NoiseLevel, fit, fit_with};
 use deltatwin::model::Model;
 
 /// What a user decides about a run.
@@ -179,22 +178,11 @@ pub fn identify(model: &Model, data: &Data) -> Result<Identification, FitError> 
 
 /// As [`identify`]; the fit ends with the best parameters so far once `stop` returns true.
 fn identify_until(model: &Model, data: &Data, stop: Option<Stop>) -> Result<Identification, FitError> {
-    let floor = noise_floor(model, &data.datasets);
+    let noise = NoiseLevel::of(model, &data.datasets);
     let options = fit::Options { stop, ..fit::Options::default() };
-    let fitted = fit_with(model, &data.datasets, &vec![floor.clone(); data.datasets.len()], &options)?;
-    let held_out_rms = held_out_rms(&fitted.model, &data.held_out)?;
-    Ok(Identification { fitted, channels: data.channels().to_vec(), noise_floor: floor, held_out_rms, limbs: None })
-}
-
-/// RMS residual on held-out recordings, N·m or N per channel; `None` without any.
-///
-/// # Errors
-/// If the model cannot follow a recording.
-pub fn held_out_rms(model: &Model, held_out: &[Dataset]) -> Result<Option<Vec<f64>>, FitError> {
-    if held_out.is_empty() {
-        return Ok(None);
-    }
-    Ok(Some(Residuals::new(model, held_out)?.rms))
+    let fitted = fit_with(model, &data.datasets, &noise.of_each, &options)?;
+    let held_out = HeldOut::new(&fitted.model, &data.held_out)?;
+    Ok(Identification { fitted, channels: data.channels().to_vec(), noise_floor: noise.pooled, held_out, limbs: None })
 }
 
 fn stop(settings: &Settings) -> Result<(), RunError> {

@@ -5,7 +5,7 @@ use std::path::Path;
 use deltatwin::comparison::compare;
 use deltatwin::diagnosis::{self, Options, diagnose_with};
 use deltatwin::gate::{Remedy as GateRemedy, combined};
-use deltatwin::identification::{Dataset, Residuals, dataset::noise_floor};
+use deltatwin::identification::{Dataset, NoiseLevel, Residuals};
 use deltatwin::machine::Configuration;
 use deltatwin::model::{Model, Provenance};
 use deltatwin::text::significant;
@@ -105,7 +105,7 @@ impl Task {
     /// Errors of a model on the recordings that judge.
     fn errors_of(&self, model: &Model) -> miette::Result<Errors> {
         let rms = Residuals::new(model, self.judged()).into_diagnostic()?.rms;
-        Ok(self.errors(rms, noise_floor(model, &self.data.datasets)))
+        Ok(self.errors(rms, NoiseLevel::of(model, self.judged()).pooled))
     }
 
     /// A new version in use after this stage.
@@ -201,8 +201,8 @@ pub(crate) fn fit(task: &Task, job: &Job) -> miette::Result<Outcome> {
     job.at(0.1, "fit");
     let found = run::identify(&task.model, &task.data).into_diagnostic()?;
     stop(job)?;
-    let rms = found.held_out_rms.clone().unwrap_or_else(|| found.fitted.residuals.rms.clone());
-    let errors = task.errors(rms, found.noise_floor.clone());
+    let (rms, floor) = found.judged();
+    let errors = task.errors(rms.to_vec(), floor.to_vec());
     let command = |file: &str| task.command("identify", &[], &["-o", file]);
     let version = task.next("identified".into(), "identified", &command, errors);
     let mut report = Report::new("", "");
@@ -217,6 +217,7 @@ pub(crate) fn fit(task: &Task, job: &Job) -> miette::Result<Outcome> {
     let mut json = found.json(Some(Path::new(&version.file)));
     // The fit does not depend on what is held out; these errors are the version's.
     json["held_out_rms"] = Value::Null;
+    json["held_out_noise_floor"] = Value::Null;
     job.at(0.6, "where it fails");
     let next = task.session.versions.len();
     result.version = next;

@@ -49,7 +49,7 @@ impl Fits {
         if let Some((_, known)) = self.columns.borrow().iter().find(|(k, _)| *k == key) {
             return Ok(known.clone());
         }
-        let made = Rc::new(problem::owned_columns(&fit.model, fitting.datasets)?);
+        let made = Rc::new(fitting.owned_columns(&fit.model)?);
         self.columns.borrow_mut().push((key, made.clone()));
         Ok(made)
     }

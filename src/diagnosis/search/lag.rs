@@ -42,7 +42,7 @@ impl Search<'_> {
         let gains = |without: &[f64], with: &[f64], floor: &[f64]| {
             relative_energy(with, floor) < (1.0 - LAG_GAIN) * relative_energy(without, floor)
         };
-        let fitted = gains(&self.start.fit.residuals.rms, &with.fit.residuals.rms, &fitting.noise);
+        let fitted = gains(&self.start.fit.residuals.rms, &with.fit.residuals.rms, &fitting.noise.pooled);
         let held_out = gains(self.start.rms(), with.rms(), &self.judge.floor);
         self.recorded_lag(&with.fit).filter(|_| fitted && held_out)
     }

@@ -46,7 +46,7 @@ impl Search<'_> {
             return Ok(Err(name(c).into()));
         }
         // A fit that leaves more than the start has diverged, with a column that the data hardly determine.
-        let energy = |judged: &Judged| relative_energy(&judged.fit.residuals.rms, &self.judge.fitting.noise);
+        let energy = |judged: &Judged| relative_energy(&judged.fit.residuals.rms, &self.judge.fitting.noise.pooled);
         if let Some(last) = chosen.last().filter(|_| energy(end).is_nan() || energy(end) > energy(&self.start)) {
             return Ok(Err(name(last).into()));
         }

@@ -212,7 +212,7 @@ pub(super) fn look(judged: &Judged, judge: &Judge, drive: usize) -> Result<Optio
 impl Fitting<'_> {
     /// What a model leaves of datasets, with everything that may explain it.
     fn sight(&self, model: &Model, datasets: &[Dataset], residuals: &Residuals) -> Result<Sight, FitError> {
-        Sight::new(model, datasets, residuals, &self.noise, self.fixed)
+        Sight::new(model, datasets, residuals, self.fixed)
     }
 }
 

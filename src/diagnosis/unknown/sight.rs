@@ -38,21 +38,15 @@ pub struct Sight {
 }
 
 impl Sight {
-    /// Data of `model` along `datasets`; `noise` of each channel at the datasets' own rate is used for scaling only.
+    /// Data of `model` along `datasets`, each scaled by its own noise.
     /// Columns of `fixed` parameters are omitted.
     ///
     /// # Errors
     /// [`FitError::Kinematics`] if a pose is impossible for the model's geometry or a law gives no finite value.
-    pub fn new(
-        model: &Model,
-        datasets: &[Dataset],
-        residuals: &Residuals,
-        noise: &[f64],
-        fixed: &[String],
-    ) -> Result<Self, FitError> {
+    pub fn new(model: &Model, datasets: &[Dataset], residuals: &Residuals, fixed: &[String]) -> Result<Self, FitError> {
         let mut sight = Self::default();
         for (number, (dataset, full)) in datasets.iter().zip(&residuals.series).enumerate() {
-            sight.add(&Plant::new(model, &dataset.setup), (number, dataset), full, noise, fixed)?;
+            sight.add(&Plant::new(model, &dataset.setup), (number, dataset), full, (&dataset.noise(model), fixed))?;
         }
         Ok(sight)
     }
@@ -79,8 +73,7 @@ impl Sight {
         plant: &Plant,
         (number, dataset): (usize, &Dataset),
         full: &Channels,
-        noise: &[f64],
-        fixed: &[String],
+        (noise, fixed): (&[f64], &[String]),
     ) -> Result<(), FitError> {
         let stride = dataset.stride(STEP);
         let thin = dataset.averaged(stride);

@@ -9,6 +9,7 @@ use crate::data::{Data, DataArgs, positive};
 use crate::report::{check_report, write_report};
 use crate::terminal::{BAD_ANSWER, DONE, Table, check_output, input, origin, say, spinner, warn, write_figure};
 use deltatwin::comparison::{Comparison, compare};
+use deltatwin::identification::HeldOut;
 use deltatwin::model::Model;
 use deltatwin_analysis::page;
 use deltatwin_io::model;
@@ -61,7 +62,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     }
     let name = args.beside.as_ref().map(|path| path.display().to_string()).unwrap_or_default();
     let beside = beside.as_ref().map(|model| (&name[..], model));
-    draw(args, &model, beside, &data, &comparison.noise_floor)?;
+    draw(args, &model, beside, &data, comparison.judged().1)?;
     write_report(args.report.as_deref(), args.json, || {
         let mut origin = origin("compare", Some(&args.model), &args.data.inputs(), &data.warnings)?;
         origin
@@ -95,8 +96,9 @@ fn draw(args: &Args, model: &Model, beside: Option<(&str, &Model)>, data: &Data,
 fn print(c: &Comparison) -> miette::Result<()> {
     let series = [
         ("model", Some(&c.rms[..])),
-        ("held out", c.held_out_rms.as_deref()),
+        ("held out", c.held_out.as_ref().map(|h| &h.rms[..])),
         ("noise floor", Some(&c.noise_floor[..])),
+        ("held-out noise", other_noise(&c.noise_floor, c.held_out.as_ref())),
     ];
     say(Table::of_channels(&c.channels, &series))?;
     if c.findings.is_empty() {
@@ -104,6 +106,15 @@ fn print(c: &Comparison) -> miette::Result<()> {
     }
     say("")?;
     c.findings.iter().try_for_each(|f| say(format!("  {}", wrapped(&f.sentence))))
+}
+
+/// Noise of the held-out data where it is not `of_fitted` data's.
+pub(super) fn other_noise<'a>(of_fitted: &[f64], held_out: Option<&'a HeldOut>) -> Option<&'a [f64]> {
+    /// Share by which estimates of one noise differ.
+    const ALIKE: f64 = 0.05;
+    let held_out = &held_out?.noise_floor;
+    let differs = |(own, other): (&f64, &f64)| (other - own).abs() > ALIKE * own;
+    held_out.iter().zip(of_fitted).any(differs).then_some(held_out)
 }
 
 /// A sentence wrapped to the width of the screen, with further lines indented.

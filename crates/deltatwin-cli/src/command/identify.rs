@@ -8,21 +8,20 @@ use std::path::{Path, PathBuf};
 use miette::{IntoDiagnostic, WrapErr, miette};
 
 use self::how::How;
+use crate::command::compare::other_noise;
 use crate::command::gate::{guard, much_is_left};
 use crate::data::{Data, DataArgs};
 use crate::report::{check_report, write_report};
 use crate::terminal::{DONE, Table, check_output, origin, say, spinner, today, warn};
 use deltatwin::comparison::compare;
 use deltatwin::identification::consistency::min_eigenvalue;
-use deltatwin::identification::dataset::noise_floor as floor;
 use deltatwin::identification::fit::FitError;
 use deltatwin::identification::uncertainty::Uncertainty;
-use deltatwin::identification::{BaseParameter, Estimate, Fit, LimbTest, fit_with, limb_test};
+use deltatwin::identification::{BaseParameter, Estimate, Fit, HeldOut, LimbTest, NoiseLevel, fit_with, limb_test};
 use deltatwin::model::{Model, Provenance};
 use deltatwin::text::significant;
 use deltatwin_analysis::identify::Identification;
 use deltatwin_analysis::page;
-use deltatwin_analysis::run::held_out_rms;
 use deltatwin_io::file::WriteError;
 use deltatwin_io::model::{self, uncertainty};
 
@@ -67,22 +66,23 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     warn(&data.warnings);
     data.check_held(args.how.fixed(), &model)?;
     guard(&model, &data, &args.data)?;
-    let noise_floor = floor(&model, &data.datasets);
+    let noise = NoiseLevel::of(&model, &data.datasets);
     let prior = args.how.prior(&model)?;
     let options = args.how.options(prior.as_ref());
     if args.payload {
-        return payload::run(args, &model, &data, &noise_floor, &options);
+        return payload::run(args, &model, &data, noise, &options);
     }
     let progress = spinner("fit");
-    let fitted = fit_with(&model, &data.datasets, &vec![noise_floor.clone(); data.datasets.len()], &options);
+    let fitted = fit_with(&model, &data.datasets, &noise.of_each, &options);
     let limbs = fitted
         .as_ref()
-        .map_or(Ok(None), |fit| limb_test(fit, &model, (&data.datasets, &data.held_out), &noise_floor, &options));
+        .map_or(Ok(None), |fit| limb_test(fit, &model, (&data.datasets, &data.held_out), &noise, &options));
     progress.finish_and_clear();
     let (fitted, limbs) = (fitted.map_err(refusal)?, limbs.map_err(refusal)?);
-    warn(&much_is_left(data.channels(), &fitted.residuals.rms, &noise_floor));
-    let held_out_rms = held_out_rms(&fitted.model, &data.held_out).into_diagnostic()?;
-    let answer = Identification { fitted, channels: data.channels().to_vec(), noise_floor, held_out_rms, limbs };
+    warn(&much_is_left(data.channels(), &fitted.residuals.rms, &noise.pooled));
+    let held_out = HeldOut::new(&fitted.model, &data.held_out).into_diagnostic()?;
+    let channels = data.channels().to_vec();
+    let answer = Identification { fitted, channels, noise_floor: noise.pooled, held_out, limbs };
     if args.json { say(data.with_zeros(answer.json(args.output.as_deref()))) } else { print(&answer) }?;
     match &args.output {
         Some(output) => {
@@ -173,8 +173,9 @@ fn print(answer: &Identification) -> miette::Result<()> {
     print_unidentified(fitted)?;
     let series = [
         ("fitted", Some(&fitted.residuals.rms[..])),
-        ("held out", answer.held_out_rms.as_deref()),
+        ("held out", answer.held_out.as_ref().map(|h| &h.rms[..])),
         ("noise floor", Some(&answer.noise_floor[..])),
+        ("held-out noise", other_noise(&answer.noise_floor, answer.held_out.as_ref())),
     ];
     say(format!("\n{}", Table::of_channels(&answer.channels, &series)))?;
     let structure = &fitted.structure;

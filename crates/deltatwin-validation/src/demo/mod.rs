@@ -100,7 +100,7 @@ impl Findings {
     /// channel.
     pub fn stage_rms(&self) -> [Vec<f64>; 3] {
         let Analysis { delivered, diagnosis, .. } = &self.analysis;
-        let first = delivered.held_out_rms.clone().unwrap_or_else(|| delivered.rms.clone());
+        let first = delivered.judged().0.to_vec();
         [first, diagnosis.rms_before.clone(), diagnosis.rms_after.clone()]
     }
 }

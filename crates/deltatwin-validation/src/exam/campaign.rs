@@ -13,7 +13,7 @@ use super::size::{Hidden, Size, Sizer};
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::effects::rigid_bodies::{self, RigidBodies};
 use deltatwin::effects::{self, Effect, Role};
-use deltatwin::identification::dataset::noise_floor;
+use deltatwin::identification::NoiseLevel;
 use deltatwin::identification::{Dataset, FitError, Residuals};
 use deltatwin::machine::{AXES, Actuator, Payload, Setup};
 use deltatwin::model::Model;
@@ -313,7 +313,7 @@ impl Prepared {
 fn attainable(robot: &Model, recording: &Recording) -> Result<f64, FitError> {
     let datasets = [Dataset::new(recording)];
     let rms = Residuals::new(robot, &datasets)?.rms;
-    Ok(rms.iter().zip(noise_floor(robot, &datasets)).map(|(rms, floor)| rms / floor).fold(0.0, f64::max))
+    Ok(rms.iter().zip(NoiseLevel::of(robot, &datasets).pooled).map(|(rms, floor)| rms / floor).fold(0.0, f64::max))
 }
 
 impl Campaign {

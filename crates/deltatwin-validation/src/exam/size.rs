@@ -339,7 +339,7 @@ impl<'a> Sizer<'a> {
     /// If the machine cannot follow the motion.
     pub fn unspanned(&self, law: Outside) -> Result<Option<f64>, FitError> {
         let terms = &law.effect(self.robot.mechanism).terms;
-        span::unspanned(self.robot, &self.dataset, &self.noise, terms[0].at, &terms[0].law)
+        span::unspanned(self.robot, &self.dataset, terms[0].at, &terms[0].law)
     }
 
     /// RMS per channel of the residual of `scale` times `direction` after an actual refit with all constraints, along

@@ -39,19 +39,13 @@ const COLLINEAR: f64 = 1e-9;
 
 /// Share of the energy of `law` at `at` along `dataset` that no sum of the search's laws represents, after projection
 /// of the own parameters of `model`; zero if these represent all of it, `None` if the law has no effect along the
-/// motion. `noise` scales the channels.
+/// motion.
 ///
 /// # Errors
 /// If the machine cannot follow the motion.
-pub fn unspanned(
-    model: &Model,
-    dataset: &Dataset,
-    noise: &[f64],
-    at: Place,
-    law: &Expression,
-) -> Result<Option<f64>, FitError> {
+pub fn unspanned(model: &Model, dataset: &Dataset, at: Place, law: &Expression) -> Result<Option<f64>, FitError> {
     let datasets = std::slice::from_ref(dataset);
-    let sight = Sight::new(model, datasets, &Residuals::new(model, datasets)?, noise, &[])?;
+    let sight = Sight::new(model, datasets, &Residuals::new(model, datasets)?, &[])?;
     let Some(place) = sight.places.iter().position(|p| *p == at) else { return Ok(None) };
     let ground = Ground::new(&sight);
     let mut atoms = library(&sight.places, &Cover::new(&sight.variables));

@@ -7,7 +7,7 @@ use super::{Args, print_correction, print_unidentified, refusal};
 use crate::data::Data;
 use crate::terminal::{DONE, Table, estimates, insert_channels, path, say, spinner};
 use deltatwin::identification::fit::Options;
-use deltatwin::identification::{PayloadFit, identify_payload};
+use deltatwin::identification::{NoiseLevel, PayloadFit, identify_payload};
 use deltatwin::machine::Setup;
 use deltatwin::model::Model;
 use deltatwin::text::significant;
@@ -15,19 +15,18 @@ use deltatwin_analysis::identify::{correction, unidentified};
 use deltatwin_io::recording::setup;
 
 /// Identifies the payload and writes a setup with it; returns the exit status.
-pub fn run(args: &Args, model: &Model, data: &Data, noise_floor: &[f64], options: &Options) -> miette::Result<u8> {
-    let weights = vec![noise_floor.to_vec(); data.datasets.len()];
+pub fn run(args: &Args, model: &Model, data: &Data, noise: NoiseLevel, options: &Options) -> miette::Result<u8> {
     let progress = spinner("fit");
-    let found = identify_payload(model, &data.datasets, &weights, options);
+    let found = identify_payload(model, &data.datasets, &noise.of_each, options);
     progress.finish_and_clear();
     let found = found.map_err(refusal)?;
     let setup = Setup { payload: found.payload, ..data.datasets[0].setup };
     // A setup must not state an impossible payload: the recording was of an empty flange, or of another robot.
     let readable = setup::from_toml(&setup::to_toml(&setup), "the payload found");
     if args.json {
-        say(json(args, data, noise_floor, &found))?;
+        say(json(args, data, &noise.pooled, &found))?;
     } else {
-        print(data, noise_floor, &found)?;
+        print(data, &noise.pooled, &found)?;
         say(format!("\n{}", setup::to_toml(&setup)))?;
     }
     readable.map_err(|e| {

@@ -312,6 +312,22 @@ fn a_timeline_numbers_its_events_and_shows_the_instant() {
     {
         assert!(svg.contains(text), "{text}");
     }
+    // Names of sockets stand above their panels, where no curve is.
+    let attribute = |element: &str, name: &str| -> f64 {
+        let rest = element.split_once(&format!(" {name}=\"")).expect("an attribute").1;
+        rest.split_once('"').and_then(|(value, _)| value.parse().ok()).expect("a number")
+    };
+    let names: Vec<f64> = svg.split('<').filter(|e| e.contains("strut 5 lower")).map(|e| attribute(e, "y")).collect();
+    let curves =
+        svg.split('<').filter_map(|e| e.strip_prefix("polyline ")?.split_once("points=\"")).flat_map(|(_, points)| {
+            let end = points.find('"').expect("an end");
+            points[..end]
+                .split_whitespace()
+                .map(|p| p.split_once(',').unwrap().1.parse().unwrap())
+                .collect::<Vec<f64>>()
+        });
+    let nearest = curves.map(|y| (y - names[0]).abs()).fold(f64::INFINITY, f64::min);
+    assert!(nearest > 8.0, "{nearest}");
     // Where nothing was recorded there is no line.
     let mut gap = Timeline { instant: None, events: vec![], ..failure(1) };
     gap.sockets[0].opened = None;

@@ -7,7 +7,6 @@ use super::super::curve::{Curve, Style, plot};
 use super::super::legend::{Entry, Swatch, head, legend};
 use super::super::numbers::fixed;
 use super::super::{Figure, LABEL_SIZE, RIGHT, TICK_SIZE, WIDTH};
-use super::on_ground;
 
 /// Load of one ball socket.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -95,7 +94,8 @@ pub struct Timeline {
 /// Largest number of sockets of a timeline.
 pub const MOST_SOCKETS: usize = 8;
 const HEIGHT: f64 = 62.0;
-const GAP: f64 = 8.0;
+/// Above every panel is the name of its socket.
+const GAP: f64 = 20.0;
 const LINE: f64 = 17.0;
 /// Number of usual steps from which on a step counts as a gap of the recording.
 const GAPS: f64 = 20.0;
@@ -110,8 +110,8 @@ pub fn timeline(content: &Timeline) -> Figure {
     events.sort_by(|a, b| a.time.total_cmp(&b.time));
     let entries = entries(sockets, &events);
     let rows = sockets.len().max(1);
-    // The numbers of the events are above the panels.
-    let top = head(&entries) + 24.0;
+    // The numbers of the events are above the name of the first panel.
+    let top = head(&entries) + 24.0 + GAP;
     let bottom = top + rows as f64 * (HEIGHT + GAP) - GAP;
     let list = bottom + 52.0;
     let full = list + LINE * events.len() as f64 + if content.sockets.len() > MOST_SOCKETS { LINE } else { 0.0 };
@@ -192,7 +192,7 @@ fn panels(
             if side == 0 {
                 let name = shorten(&socket.name, x1 - x0 - 8.0, LABEL_SIZE);
                 let bold = Lettering::new(LABEL_SIZE, TEXT, Align::Left).bold(true);
-                on_ground(c, &name, (x0 + 6.0, y0 + 10.0), bold);
+                c.styled(&name, (x0, y0 - 0.5 * GAP), bold);
             }
         }
         let r = Rect { x0, y0: top, x1, y1: bottom };
@@ -264,7 +264,7 @@ fn numbered(c: &mut Canvas, (r, x): (Rect, &Axis), events: &[&FailureEvent], (or
         let Some(px) = r.x(x, (event.time - origin) * scale).filter(|px| (r.x0 - 0.5..=r.x1 + 0.5).contains(px)) else {
             continue;
         };
-        c.line((px, r.y0), (px, r.y1), event.kind.color(), 1.0);
+        c.line((px, r.y0 - GAP), (px, r.y1), event.kind.color(), 1.0);
         match groups.last_mut() {
             Some((at, _, last)) if px - *at < ROOM => *last = k,
             _ => groups.push((px, k, k)),
@@ -276,7 +276,7 @@ fn numbered(c: &mut Canvas, (r, x): (Rect, &Axis), events: &[&FailureEvent], (or
         let half = (0.5 * text_width(&text, TICK_SIZE) + 4.0).max(8.0);
         let middle = px.max(free + half).min(WIDTH - half - 2.0);
         free = middle + half + 2.0;
-        let (y, color) = (r.y0 - 12.0, events[first].kind.color());
+        let (y, color) = (r.y0 - GAP - 10.0, events[first].kind.color());
         c.bar((middle - half, y - 8.0), (middle + half, y + 8.0), color, 1.0);
         c.styled(&text, (middle, y), Lettering::new(TICK_SIZE, color.ink(), Align::Middle).bold(true));
     }
