@@ -297,7 +297,7 @@ pub fn diagnose(
     let done = run(py, bar.function(), move |task| {
         let begun = Instant::now();
         let passed = || if task.stopped() { f64::INFINITY } else { begun.elapsed().as_secs_f64() / limit };
-        let options = Options { fixed: &hold, clock: &passed, candidates: &own };
+        let options = Options { fixed: &hold, clock: &passed, candidates: &own, ..Options::default() };
         let mut tell = |what: &str| task.progress(what, begun.elapsed().as_secs_f64() / limit);
         let inner = diagnose_with(&before, &data.datasets, &data.held_out, &options, &mut tell)?;
         Ok(Diagnosis { inner, dataset: shown(&data), before })
@@ -333,7 +333,7 @@ pub fn add(
     let before = model.inner.clone();
     let done = run(py, bar.function(), move |task| {
         let passed = || if task.stopped() { f64::INFINITY } else { 0.0 };
-        let options = Options { fixed: &hold, clock: &passed, candidates: &own };
+        let options = Options { fixed: &hold, clock: &passed, candidates: &own, ..Options::default() };
         let inner = add_with(&before, &name, &data.datasets, &data.held_out, &options)?;
         Ok(Addition { inner, dataset: shown(&data), before })
     })?;

@@ -69,7 +69,23 @@ const MORE_THAN_NOISE: f64 = 1.02;
 /// If `datasets` is empty.
 pub fn compare(model: &Model, datasets: &[Dataset], held_out: &[Dataset]) -> Result<Comparison, FitError> {
     check_together(datasets.iter().chain(held_out))?;
-    let residuals = Residuals::new(model, datasets)?;
+    compare_with(model, datasets, held_out, &Residuals::new(model, datasets)?)
+}
+
+/// As [`compare`], with the `residuals` of the model on `datasets`, as a fit returns them.
+///
+/// # Errors
+/// As [`compare`].
+///
+/// # Panics
+/// If `datasets` is empty or the residuals are of other recordings.
+pub fn compare_with(
+    model: &Model,
+    datasets: &[Dataset],
+    held_out: &[Dataset],
+    residuals: &Residuals,
+) -> Result<Comparison, FitError> {
+    check_together(datasets.iter().chain(held_out))?;
     let rms = residuals.rms.clone();
     let noise_floor = NoiseLevel::of(model, datasets).pooled;
     let held_out = HeldOut::new(model, held_out)?;

@@ -20,12 +20,15 @@ pub struct Options<'a> {
     pub clock: Clock<'a>,
     /// Effects outside the registry that are tried beside it, with names of their own.
     pub candidates: &'a [Arc<dyn Effect>],
+    /// The converged fit of the model to the recordings with default options, if there is one already; it is made again
+    /// where parameters are fixed.
+    pub fitted: Option<&'a Fit>,
 }
 
 impl Default for Options<'_> {
     /// All parameters are fitted without a time limit.
     fn default() -> Self {
-        Self { fixed: &[], clock: &|| 0.0, candidates: &[] }
+        Self { fixed: &[], clock: &|| 0.0, candidates: &[], fitted: None }
     }
 }
 

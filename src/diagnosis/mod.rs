@@ -67,7 +67,10 @@ pub fn diagnose_with(
     let fitting = Fitting::new(model, datasets, options);
     let judge = Judge::new(&fitting, model, held_out);
     progress("refit");
-    let refitted = fitting.fit(model)?;
+    let refitted = match options.fitted.filter(|_| options.fixed.is_empty()) {
+        Some(fitted) => fitted.clone(),
+        None => fitting.fit(model)?,
+    };
     let mounted = in_configuration(model, &datasets[0].setup);
     let candidates = problem::absent(&mounted, &refitted, datasets, fitting.candidates);
     let found = search::find(refitted, &judge, &candidates, progress)?;

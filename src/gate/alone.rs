@@ -1,5 +1,5 @@
 //! Findings about a recording alone, without a model: torques that follow no motion, of the wrong sign, without noise,
-//! coarse numbers, and lines near half the sampling frequency.
+//! copies of columns, coarse numbers, and lines near half the sampling frequency.
 
 use super::{Evidence, Finding, Problem, Remedy};
 use crate::effects::smooth_sign;
@@ -19,6 +19,8 @@ use crate::text::significant;
 const INSTANTS: usize = 5000;
 /// Share of a torque's variance that the motion of all axes must explain.
 const FOLLOWS: f64 = 0.2;
+/// Share of a channel's noise that its difference from a copy has at most; of independent noise at least all.
+const SHARED: f64 = 0.3;
 /// Standard errors beyond which inertia and friction both below zero are a wrong sign.
 const NEGATIVE: f64 = 10.0;
 /// Ratio of the torque's noise to its RMS below which it is no measurement.
@@ -51,6 +53,7 @@ pub fn inspect(recording: &Recording, dataset: &Dataset) -> Vec<Finding> {
     let axes = recording.signals.mechanism.axes();
     let mut found: Vec<Finding> = (0..axes).flat_map(|i| alone.axis(i)).collect();
     found.extend(alone.degrees());
+    found.extend(alone.repeated());
     found
 }
 
@@ -163,6 +166,31 @@ impl Alone<'_> {
                 Remedy::Words(remedy),
             )
         })
+    }
+
+    /// Channels that are another one times a factor. Signals of two sensors may follow one motion, but each has noise of
+    /// its own: their difference then has more of it than either.
+    fn repeated(&self) -> Vec<Finding> {
+        let Dataset { measured, channels, segments, .. } = self.dataset;
+        let noise = |series: &[f64]| difference_sigma(series, segments, 4).unwrap_or(0.0);
+        let copies = |one: usize, other: usize| {
+            let (x, y) = (&measured[one], &measured[other]);
+            let fit = least_squares(&[&vec![1.0; x.len()], x], y)?;
+            let rest: Vec<f64> = y.iter().zip(x).map(|(y, x)| y - fit.beta[1] * x).collect();
+            let own = noise(y);
+            let is_copy = own > NOISELESS * rms(y) && noise(&rest) < SHARED * own;
+            is_copy.then(|| {
+                let (first, second) = (channels[one], channels[other]);
+                let factor = significant(fit.beta[1], 4);
+                let sentence = format!(
+                    "{second} is {first} times {factor}, noise included: the two columns are one signal, not two sensors"
+                );
+                let remedy = Remedy::Words("the column of the second sensor, or none: leave the copy out");
+                Finding { axis: second.drive(), ..self.finding(0, Problem::Repeated, sentence, remedy) }
+            })
+        };
+        let pairs = (0..channels.len()).flat_map(|other| (0..other).map(move |one| (one, other)));
+        pairs.filter_map(|(one, other)| copies(one, other)).collect()
     }
 
     /// A torque of a lone revolute axis that carries its weight and nothing else.
@@ -371,6 +399,7 @@ fn range(x: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dynamics::Channel;
     use crate::machine::Mechanism;
     use crate::recording::Signals;
     use rand::SeedableRng;
@@ -419,6 +448,25 @@ mod tests {
         // The same weight on an axis that its drive moves.
         let driven = |state: [f64; 3], _, noise| 2.0 * f64::sin(state[0]) + usual(state) + 0.02 * noise;
         assert_eq!(problems(driven), []);
+    }
+
+    #[test]
+    fn a_column_that_copies_another_is_named_and_a_similar_one_is_not() {
+        let first = recording(|state, _, noise| usual(state) + 0.02 * noise);
+        let with_second = |of: &dyn Fn(usize, f64) -> f64| {
+            let mut dataset = Dataset::new(&first);
+            dataset.channels.push(Channel::Force(0));
+            dataset.measured.push(dataset.measured[0].iter().enumerate().map(|(k, x)| of(k, *x)).collect());
+            inspect(&first, &dataset)
+        };
+        let found = with_second(&|_, torque| 3.0 - 2.5 * torque);
+        assert_eq!(found.iter().map(|f| (f.problem, f.axis)).collect::<Vec<_>>(), [(Problem::Repeated, None)]);
+        assert!(found[0].sentence.contains("times -2.5"), "{}", found[0].sentence);
+        // Another sensor of the same load: noise of its own, a fifth of the first one's.
+        let mut rng = ChaCha8Rng::seed_from_u64(8);
+        let quiet: Vec<f64> = (0..first.signals.t.len()).map(|_| StandardNormal.sample(&mut rng)).collect();
+        let smooth = Dataset::new(&recording(|state, _, _| usual(state))).measured[0].clone();
+        assert!(with_second(&|k, _| smooth[k] + 0.004 * quiet[k]).is_empty());
     }
 
     #[test]

@@ -57,6 +57,8 @@ pub enum Problem {
     GravityRemoved,
     /// A torque without noise: a command or a calculation.
     Noiseless,
+    /// Two columns that are one signal.
+    Repeated,
     /// Coarse steps of an angle or a torque.
     Quantised,
     /// A line of the torque near half the sampling frequency.
@@ -87,6 +89,7 @@ impl fmt::Display for Problem {
             Self::Offset => "offset",
             Self::GravityRemoved => "gravity_removed",
             Self::Noiseless => "noiseless",
+            Self::Repeated => "repeated",
             Self::Quantised => "quantised",
             Self::Alias => "alias",
             Self::Degrees => "degrees",

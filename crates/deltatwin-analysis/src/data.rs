@@ -316,7 +316,10 @@ fn keep_common_channels(datasets: &mut [Dataset]) -> Vec<String> {
 /// Warnings about a recording alone after which a fit says little, see [`inspect`].
 pub fn meaningless(path: &Path, recording: &Recording, dataset: &Dataset) -> Vec<String> {
     let tells = |f: &&Finding| {
-        matches!(f.problem, Problem::Unrelated | Problem::WeightAlone | Problem::TorqueSign | Problem::Noiseless)
+        matches!(
+            f.problem,
+            Problem::Unrelated | Problem::WeightAlone | Problem::TorqueSign | Problem::Noiseless | Problem::Repeated
+        )
     };
     inspect(recording, dataset).iter().filter(tells).map(|f| warning(path, f)).collect()
 }

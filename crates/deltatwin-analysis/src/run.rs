@@ -7,7 +7,7 @@ use thiserror::Error;
 use crate::data::{Data, Joined};
 use crate::gate::{Examined, Refusal};
 use crate::identify::Identification;
-use deltatwin::comparison::{Comparison, compare};
+use deltatwin::comparison::{Comparison, compare, compare_with};
 use deltatwin::diagnosis::{Clock, Diagnosis, DiagnosisError, Options, diagnose_with};
 use deltatwin::evidence::Stop;
 use deltatwin::gate::Finding;
@@ -135,11 +135,13 @@ pub fn run(
     step(Stage::Compare, 0.12, "delivered");
     let delivered = compare(model, &data.datasets, &data.held_out)?;
     step(Stage::Compare, 0.16, "identified");
-    let identified = compare(&identification.fitted.model, &data.datasets, &data.held_out)?;
+    let fitted = &identification.fitted;
+    let identified = compare_with(&fitted.model, &data.datasets, &data.held_out, &fitted.residuals)?;
     stop(settings)?;
     let mut fraction = DIAGNOSIS;
     step(Stage::Diagnose, fraction, "");
-    let options = Options { fixed: settings.hold, clock: settings.clock, ..Options::default() };
+    let fitted = Some(fitted).filter(|_| !is_cut.load(Ordering::Relaxed));
+    let options = Options { fixed: settings.hold, clock: settings.clock, fitted, ..Options::default() };
     let diagnosis = diagnose_with(model, &data.datasets, &data.held_out, &options, &mut |what| {
         fraction = ahead(fraction, what);
         step(Stage::Diagnose, fraction, what);
