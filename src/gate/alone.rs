@@ -455,7 +455,7 @@ mod tests {
         let first = recording(|state, _, noise| usual(state) + 0.02 * noise);
         let with_second = |of: &dyn Fn(usize, f64) -> f64| {
             let mut dataset = Dataset::new(&first);
-            dataset.channels.push(Channel::Force(0));
+            dataset.channels.push(Channel::StrutUpper(0));
             dataset.measured.push(dataset.measured[0].iter().enumerate().map(|(k, x)| of(k, *x)).collect());
             inspect(&first, &dataset)
         };
@@ -466,7 +466,8 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(8);
         let quiet: Vec<f64> = (0..first.signals.t.len()).map(|_| StandardNormal.sample(&mut rng)).collect();
         let smooth = Dataset::new(&recording(|state, _, _| usual(state))).measured[0].clone();
-        assert!(with_second(&|k, _| smooth[k] + 0.004 * quiet[k]).is_empty());
+        let found = with_second(&|k, _| smooth[k] + 0.004 * quiet[k]);
+        assert!(found.is_empty(), "{found:?}");
     }
 
     #[test]
