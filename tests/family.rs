@@ -159,7 +159,7 @@ fn limbs_have_their_own_parameters_where_the_data_demand_it() {
         robot.bodies[1] = robot.bodies[1] * 1.1;
         for (robot, demanded) in [(&robot, true), (&alike, false)] {
             let (fitted, held_out) = ([recorded(robot, 1)], [recorded(robot, 2)]);
-            let noise = NoiseLevel::of(&robot, &fitted);
+            let noise = NoiseLevel::of(robot, &fitted);
             let fit = fit(&alike, &fitted, &noise.of_each).unwrap();
             for held_out in [&held_out[..], &[]] {
                 let data = (&fitted[..], held_out);
