@@ -7,6 +7,7 @@ use super::super::curve::{Curve, Style, plot};
 use super::super::legend::{Entry, Swatch, head, legend};
 use super::super::numbers::fixed;
 use super::super::{Figure, LABEL_SIZE, RIGHT, TICK_SIZE, WIDTH};
+use super::on_ground;
 
 /// Load of one ball socket.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -189,17 +190,18 @@ fn panels(
             }
             axes(c, r, &x, &axis, label, if side == 0 { "N" } else { "" });
             panel(c, (r, &x, &axis), socket, (origin, scale));
-            if side == 0 {
-                let name = shorten(&socket.name, x1 - x0 - 8.0, LABEL_SIZE);
-                let bold = Lettering::new(LABEL_SIZE, TEXT, Align::Left).bold(true);
-                c.styled(&name, (x0, y0 - 0.5 * GAP), bold);
-            }
         }
         let r = Rect { x0, y0: top, x1, y1: bottom };
         if sockets.is_empty() {
             no_data(c, r);
         }
         numbered(c, (r, &x), events, (origin, scale));
+        // On top of the lines of the events.
+        for (row, socket) in sockets.iter().enumerate().filter(|_| side == 0) {
+            let name = shorten(&socket.name, x1 - x0 - 8.0, LABEL_SIZE);
+            let bold = Lettering::new(LABEL_SIZE, TEXT, Align::Left).bold(true);
+            on_ground(c, &name, (x0, top + row as f64 * (HEIGHT + GAP) - 0.5 * GAP), bold);
+        }
     }
 }
 
