@@ -390,6 +390,7 @@ fn recordings_of_unequal_noise_leave_their_noise() {
         let fitted = fit(&nominal, data, &NoiseLevel::of(&nominal, data).of_each).unwrap();
         fitted.parameters.iter().find(|p| p.name == "drive_friction.viscous_1").expect("friction").std
     };
+    // Informations of independent recordings add; standard errors come from the scores of some thirty intervals.
     let information = |data: &[Dataset]| std(data).powi(-2);
     let [one, other] = both.each_ref().map(|t| information(std::slice::from_ref(t)));
     approx::assert_relative_eq!(information(&both), one + other, max_relative = 0.1);
@@ -397,7 +398,7 @@ fn recordings_of_unequal_noise_leave_their_noise() {
     let c = compare(&d.model, &[quiet], &[loud]).unwrap();
     let held_out = c.held_out.as_ref().expect("errors");
     approx::assert_abs_diff_eq!(held_out.rms[0] / held_out.noise_floor[0], 1.0, epsilon = 0.03);
-    // The smoothing error at reversals, a twentieth of the noise, is seen in the quiet one.
+    // The smoothing error at reversals adds a twentieth to the RMS of the quiet one.
     assert!(c.worst().expect("noise").1 < 1.1, "{:?}", c.worst());
 }
 

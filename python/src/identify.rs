@@ -78,6 +78,11 @@ impl Identification {
     }
 
     #[getter]
+    fn held_out_noise_floor(&self) -> Option<Vec<f64>> {
+        self.held_out.as_ref().map(|h| h.noise_floor.clone())
+    }
+
+    #[getter]
     fn noise_floor(&self) -> Vec<f64> {
         self.noise.clone()
     }
@@ -142,6 +147,11 @@ impl Comparison {
     #[getter]
     fn held_out_rms(&self) -> Option<Vec<f64>> {
         self.inner.held_out.as_ref().map(|h| h.rms.clone())
+    }
+
+    #[getter]
+    fn held_out_noise_floor(&self) -> Option<Vec<f64>> {
+        self.inner.held_out.as_ref().map(|h| h.noise_floor.clone())
     }
 
     #[getter]

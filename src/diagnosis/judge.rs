@@ -211,13 +211,14 @@ fn drives(datasets: &[Dataset]) -> usize {
     datasets[0].channels.iter().filter(|c| c.drive().is_some()).count()
 }
 
-/// Whether drift explains the difference of two residuals on data that were not fitted, `without` an effect and
+/// Whether drift explains the difference of the residuals of two fits on data that were not fitted, `without` an effect and
 /// `with` it.
-pub(super) fn wanders_in(datasets: &[Dataset], without: &Residuals, with: &Residuals) -> bool {
+pub(super) fn wanders_in(datasets: &[Dataset], without: &Judged, with: &Judged) -> bool {
     let (segments, samples) = problem::segments(datasets);
-    let left = problem::residual_series(datasets, with);
+    let level = NoiseLevel::of(&without.fit.model, datasets);
+    let [before, left] = [without, with].map(|one| problem::residual_series(datasets, &level, &one.residuals));
     let noise = Noise::of(&left, samples, &segments, drives(datasets));
-    noise.energy(&problem::residual_series(datasets, without)) - noise.energy(&left) < MAX_DRIFT_GAIN
+    noise.energy(&before) - noise.energy(&left) < MAX_DRIFT_GAIN
 }
 
 /// Whether the variance of some channel decreases enough, relative to the residual with the effect.

@@ -12,7 +12,7 @@ use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
 use crate::identification::dataset::averaged_segments;
 use crate::identification::fit::{Fit, FitError, kinematics, nominal_size};
 use crate::identification::prediction::Channels;
-use crate::identification::{Dataset, Residuals, averaged_columns};
+use crate::identification::{Dataset, NoiseLevel, Residuals, averaged_columns};
 use crate::machine::{Mechanism, Unit};
 use crate::model::Model;
 use crate::recording::Signals;
@@ -276,7 +276,7 @@ impl Fitting<'_> {
                 linear: (p.role == Role::Linear).then_some(p.value),
                 column: Column {
                     name: p.name.clone(),
-                    values: self.stack(all.iter().map(|dataset| parameters.pick(k, dataset))),
+                    values: stack(&self.noise, all.iter().map(|dataset| parameters.pick(k, dataset))),
                     magnitude: nominal_size(p),
                 },
             })
@@ -287,7 +287,7 @@ impl Fitting<'_> {
             let entries = active.entries();
             let linear = entries.iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Linear);
             let column = |(k, e): (usize, &Entry)| {
-                let values = self.stack(all.iter().map(|dataset| &dataset[own + j][k]));
+                let values = stack(&self.noise, all.iter().map(|dataset| &dataset[own + j][k]));
                 let magnitude = match model.mechanism {
                     Mechanism::Delta { .. } => WORTH_CARING * e.parameter.default.abs(),
                     // The usual size on a lone axis is relative to its torque, because its limits are often estimates.
@@ -325,7 +325,7 @@ impl Fitting<'_> {
                     channels
                 };
                 let parts: Vec<Channels> = datasets.iter().map(blurred).collect();
-                let values = self.stack(parts.iter());
+                let values = stack(&self.noise, parts.iter());
                 if values.iter().any(|v| *v != 0.0) {
                     all.push(Column { name: format!("reversals {}.{}", drive + 1, k + 1), values, magnitude: 0.0 });
                 }
@@ -334,23 +334,9 @@ impl Fitting<'_> {
         all
     }
 
-    /// Residuals of the fitted recordings as one series, as [`Self::stack`] makes it.
+    /// Residuals of the fitted recordings as one series.
     pub fn residual_series(&self, residuals: &Residuals) -> Vec<f64> {
-        let parts: Vec<Channels> = averaged(self.datasets, residuals);
-        self.stack(parts.iter())
-    }
-
-    /// One series of averaged channels: channel by channel, dataset by dataset.
-    ///
-    /// Every recording weighs by its own noise: its part is scaled to the pooled noise of the channel.
-    fn stack<'b>(&self, datasets: impl Iterator<Item = &'b Channels>) -> Vec<f64> {
-        let datasets: Vec<&Channels> = datasets.collect();
-        let part = |c: usize, (own, sigma): (&&Channels, &Vec<f64>)| {
-            let scale = self.noise.pooled[c] / sigma[c];
-            own[c].iter().map(|x| scale * x).collect::<Vec<f64>>()
-        };
-        let parts = |c: usize| datasets.iter().zip(&self.noise.of_each).flat_map(move |one| part(c, one));
-        (0..datasets[0].len()).flat_map(parts).collect()
+        residual_series(self.datasets, &self.noise, residuals)
     }
 
     /// Channels with the noise of their means over [`block`] samples.
@@ -488,15 +474,24 @@ pub fn segments(datasets: &[Dataset]) -> (Vec<std::ops::Range<usize>>, usize) {
     (averaged, samples)
 }
 
-/// Residuals of datasets as one series: channel by channel, dataset by dataset.
-pub fn residual_series(datasets: &[Dataset], residuals: &Residuals) -> Vec<f64> {
-    let parts = averaged(datasets, residuals);
-    (0..datasets[0].channels.len()).flat_map(|c| parts.iter().flat_map(move |t| &t[c])).copied().collect()
+/// Residuals of datasets with their noise as one series, averaged over [`block`] samples.
+pub fn residual_series(datasets: &[Dataset], noise: &NoiseLevel, residuals: &Residuals) -> Vec<f64> {
+    let block = block(datasets);
+    let averaged = |(t, series): (&Dataset, &Channels)| series.iter().map(|own| t.means(own, block)).collect();
+    let parts: Vec<Channels> = datasets.iter().zip(&residuals.series).map(averaged).collect();
+    stack(noise, parts.iter())
 }
 
-/// Residuals of every dataset, averaged over [`block`] samples.
-fn averaged(datasets: &[Dataset], residuals: &Residuals) -> Vec<Channels> {
-    let block = block(datasets);
-    let of = |(t, series): (&Dataset, &Channels)| series.iter().map(|own| t.means(own, block)).collect();
-    datasets.iter().zip(&residuals.series).map(of).collect()
+/// One series: channel by channel, dataset by dataset.
+///
+/// Every recording weighs by its own noise: its part is scaled to the pooled noise of the channel.
+fn stack<'a>(noise: &NoiseLevel, datasets: impl Iterator<Item = &'a Channels>) -> Vec<f64> {
+    let datasets: Vec<&Channels> = datasets.collect();
+    let mut series = Vec::new();
+    for (c, pooled) in noise.pooled.iter().enumerate() {
+        for (own, sigma) in datasets.iter().zip(&noise.of_each) {
+            series.extend(own[c].iter().map(|x| pooled / sigma[c] * x));
+        }
+    }
+    series
 }

@@ -21,6 +21,8 @@ const INSTANTS: usize = 5000;
 const FOLLOWS: f64 = 0.2;
 /// Share of a channel's noise that its difference from a copy has at most; of independent noise at least all.
 const SHARED: f64 = 0.3;
+/// Residual of a channel on another, relative to its variation, above which it is no copy: a correlation below 0.9995.
+const UNLIKE: f64 = 0.03;
 /// Standard errors beyond which inertia and friction both below zero are a wrong sign.
 const NEGATIVE: f64 = 10.0;
 /// Ratio of the torque's noise to its RMS below which it is no measurement.
@@ -91,10 +93,10 @@ struct Alone<'a> {
 }
 
 impl Alone<'_> {
-    fn finding(&self, axis: usize, problem: Problem, sentence: String, remedy: Remedy) -> Finding {
+    fn finding(&self, axis: impl Into<Option<usize>>, problem: Problem, sentence: String, remedy: Remedy) -> Finding {
         Finding {
             recording: self.dataset.name.clone(),
-            axis: Some(axis),
+            axis: axis.into(),
             problem,
             severe: false,
             evidence: Evidence::default(),
@@ -173,9 +175,16 @@ impl Alone<'_> {
     fn repeated(&self) -> Vec<Finding> {
         let Dataset { measured, channels, segments, .. } = self.dataset;
         let noise = |series: &[f64]| difference_sigma(series, segments, 4).unwrap_or(0.0);
+        let at = instants(self.dataset);
+        let ones = vec![1.0; at.len()];
+        let seen: Vec<Vec<f64>> = measured.iter().map(|series| at.iter().map(|&k| series[k]).collect()).collect();
         let copies = |one: usize, other: usize| {
+            let fit = least_squares(&[&ones, &seen[one]], &seen[other])?;
+            if fit.mean_square > (UNLIKE * deviation(&seen[other])).powi(2) {
+                return None;
+            }
+            // Noise is seen in differences of neighbours, at all samples.
             let (x, y) = (&measured[one], &measured[other]);
-            let fit = least_squares(&[&vec![1.0; x.len()], x], y)?;
             let rest: Vec<f64> = y.iter().zip(x).map(|(y, x)| y - fit.beta[1] * x).collect();
             let own = noise(y);
             let is_copy = own > NOISELESS * rms(y) && noise(&rest) < SHARED * own;
@@ -186,7 +195,7 @@ impl Alone<'_> {
                     "{second} is {first} times {factor}, noise included: the two columns are one signal, not two sensors"
                 );
                 let remedy = Remedy::Words("the column of the second sensor, or none: leave the copy out");
-                Finding { axis: second.drive(), ..self.finding(0, Problem::Repeated, sentence, remedy) }
+                self.finding(second.drive(), Problem::Repeated, sentence, remedy)
             })
         };
         let pairs = (0..channels.len()).flat_map(|other| (0..other).map(move |one| (one, other)));

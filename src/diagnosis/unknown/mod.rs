@@ -193,7 +193,7 @@ fn is_confirmed(without: &Judged, with: &Judged, judge: &Judge) -> Result<bool, 
     let unexplained = energy(&before) - judge.floor.len() as f64;
     Ok(energy(&before) - energy(&after) >= WORTH_SHOWING * unexplained
         && is_relevant(&before, &after)
-        && !wanders_in(judge.data(), &without.residuals, &with.residuals)
+        && !wanders_in(judge.data(), without, with)
         && !judge.fitting.wanders(&without.fit, &with.fit)?)
 }
 
