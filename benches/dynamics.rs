@@ -10,12 +10,13 @@ mod common;
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use deltatwin::dynamics::{Channel, Output, Plant, Sample, inverse_dynamics, regressor};
+use deltatwin::dynamics::{Output, Plant, Sample, inverse_dynamics, regressor};
 use deltatwin::effects::ActiveEffect;
 use deltatwin::identification::{Dataset, Method};
 use deltatwin::kinematics::{JointState, Motion, SocketSet};
 use deltatwin::machine::Setup;
 use deltatwin::machine::bodies::BODIES;
+use deltatwin::recording::Channel;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin::twin::maximal::MaximalCoordinates;
 use deltatwin::twin::{Checkpoint, Options, Torque, Twin, simulate};

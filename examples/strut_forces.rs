@@ -7,6 +7,7 @@ use std::path::Path;
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::machine::STRUTS;
+use deltatwin::recording::Channel;
 use deltatwin::twin::{Options, simulate};
 use deltatwin_io::{model, scenario};
 use miette::{IntoDiagnostic, Result};
@@ -35,8 +36,9 @@ fn main() -> Result<()> {
         let (recording, report) =
             simulate(&machine, &scenario.setup, &controller, &|t| motion.at(t), &options, &mut |_| true)
                 .into_diagnostic()?;
-        let peak = |forces: &Vec<f64>| forces.iter().fold(0.0f64, |peak, f| peak.max(f.abs()));
-        let peaks = recording.signals.strut_upper.iter().flatten().map(|forces| format!("{:10.1}", peak(forces)));
+        let peak = |forces: &[f64]| forces.iter().fold(0.0f64, |peak, f| peak.max(f.abs()));
+        let upper = (0..STRUTS).map(|strut| peak(&recording.signals[Channel::StrutUpper(strut)]));
+        let peaks = upper.map(|peak| format!("{peak:10.1}"));
         println!("{moment:21.3} N·m{}", peaks.collect::<String>());
         assert!(report.energy_closes(), "the step is too long for the motion");
     }

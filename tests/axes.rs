@@ -12,9 +12,9 @@ use deltatwin::effects::{ActiveEffect, cogging, find};
 use deltatwin::gate::{Problem, examine};
 use deltatwin::identification::Dataset;
 use deltatwin::identification::initial::axis;
-use deltatwin::machine::{Joint, Mechanism, Setup};
+use deltatwin::machine::{Joint, Setup};
 use deltatwin::model::Model;
-use deltatwin::recording::{Recording, Signals};
+use deltatwin::recording::{Channel, Recording, Signals};
 
 /// What the diagnosis says of 4 s of `machine` with `hidden`.
 fn told(machine: &Model, hidden: ActiveEffect, seed: u64) -> Diagnosis {
@@ -164,11 +164,11 @@ fn a_slow_recording_is_answered_without_a_false_name() {
         let (mut recording, _) = run(&slide, &slide, &Setup::default(), 6.0, seed, true);
         let signals = &mut recording.signals;
         let kept = |k: &usize| k.is_multiple_of(40);
-        signals.t = (0..signals.t.len()).filter(kept).map(|k| signals.t[k]).collect();
-        signals.q = (0..signals.q.len()).filter(kept).map(|k| signals.q[k]).collect();
-        signals.tau = (0..signals.tau.len()).filter(kept).map(|k| signals.tau[k]).collect();
-        (signals.qd, signals.qdd, signals.link_q, signals.link_qd) = (None, None, None, None);
-        (signals.segments, signals.multipliers) = (Vec::new(), None);
+        let rows: Vec<[f64; 3]> = (0..signals.len())
+            .filter(kept)
+            .map(|k| [signals.t[k], signals[Channel::Angle(0)][k], signals[Channel::Torque(0)][k]])
+            .collect();
+        *signals = Signals::of_axis(slide.mechanism.joint(), &rows);
         let d = diagnose(&slide, &[Dataset::new(&recording)], &[], &mut |_| {}).expect("a diagnosis");
         assert!(d.effects.iter().all(|e| e.confidence.probability() < 0.5), "{:?}", names(&d));
     }
@@ -202,15 +202,13 @@ fn rotor(seed: u64) -> Recording {
     ];
     let step = std::f64::consts::TAU / f64::from(1 << 15);
     let (mut angle, mut rate, mut integral, mut slow) = (29.0 + normal() * 0.1, 6.0, 0.1, 0.0);
-    let mut signals = Signals { mechanism: Mechanism::axis(Joint::Revolute), ..Signals::default() };
+    let mut samples = Vec::new();
     for k in 0..4000 {
         let error = std::f64::consts::TAU - rate;
         integral += 4.0 * error * 1e-3;
         let torque = 0.4 * error + integral;
         slow += -0.02 * slow + 0.004 * normal();
-        signals.t.push(f64::from(k) * 1e-3);
-        signals.q.push([(angle / step).round() * step, 0.0, 0.0, 0.0]);
-        signals.tau.push([torque + 0.009 * normal(), 0.0, 0.0, 0.0]);
+        samples.push([f64::from(k) * 1e-3, (angle / step).round() * step, torque + 0.009 * normal()]);
         for _ in 0..10 {
             let swell = 1.0 + 0.1 * (0.37 * angle).sin();
             let cogging: f64 = orders.iter().map(|(n, a, phase)| a * (n * angle + phase).sin()).sum();
@@ -219,6 +217,7 @@ fn rotor(seed: u64) -> Recording {
             angle += rate * 1e-4;
         }
     }
+    let signals = Signals::of_axis(Joint::Revolute, &samples);
     Recording { name: format!("rotor {seed}"), signals, ..Recording::default() }
 }
 
@@ -231,7 +230,7 @@ fn another_zero_of_a_lone_axis_is_named_with_its_remedy() {
     assert!(examine(&pendulum, &Dataset::new(&recording)).iter().all(|f| !f.severe));
     for shift in [0.7, 1.5, -2.2] {
         let mut shifted = recording.clone();
-        shifted.signals.q.iter_mut().for_each(|q| q[0] += shift);
+        shifted.signals.get_mut(Channel::Angle(0)).unwrap().iter_mut().for_each(|q| *q += shift);
         let found = examine(&pendulum, &Dataset::new(&shifted));
         let [zero] = &found.iter().filter(|f| f.severe).collect::<Vec<_>>()[..] else { panic!("{found:?}") };
         assert_eq!(zero.problem, Problem::Zero, "{shift}");

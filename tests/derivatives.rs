@@ -4,7 +4,7 @@ use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::identification::{Dataset, Method};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::AXES;
-use deltatwin::recording::{Recording, Signals};
+use deltatwin::recording::{Channel, Recording, Signals};
 use deltatwin::twin::{Options, simulate};
 use deltatwin_io::{model, recording, scenario};
 use rand::RngExt;
@@ -49,12 +49,13 @@ struct Errors {
 fn errors(recording: &Recording, plant: &Plant, method: Method) -> Errors {
     let signals = &recording.signals;
     let dataset = Dataset::with(recording, method);
-    let (qd, qdd) = (signals.qd.as_ref().unwrap(), signals.qdd.as_ref().unwrap());
+    let [qd, qdd] = [Channel::Rate, Channel::Acceleration]
+        .map(|of: fn(usize) -> Channel| signals.rows::<AXES>(of).iter().collect::<Vec<_>>());
     let mut sums = [[0.0; AXES]; 4];
     let mut slow = [0.0; AXES];
     for (t, joints) in dataset.t.iter().zip(&dataset.joints) {
         let k = signals.t.partition_point(|x| x < t);
-        let truth = JointState { q: signals.q[k], qd: qd[k], qdd: qdd[k] };
+        let truth = JointState { q: signals.q().at(k), qd: qd[k], qdd: qdd[k] };
         let (tau, exact) = (torque(plant, joints), torque(plant, &truth));
         for i in 0..AXES {
             let error = ((tau[i] - exact[i]) / FLOOR[i]).powi(2);
@@ -137,8 +138,9 @@ fn acceleration_errors(t: Vec<f64>) -> [f64; AXES] {
         waves.iter().map(|(a, w)| a * f(*w, w * t + i as f64)).sum()
     };
     let angle = |t: f64| std::array::from_fn(|i| ((0.4 + sum(t, i, |_, x| x.sin())) / STEP).round() * STEP);
-    let (q, tau) = (t.iter().map(|t| angle(*t)).collect(), t.iter().map(|t| [t.sin(); AXES]).collect());
-    let recording = Recording { signals: Signals { t, q, tau, ..Signals::default() }, ..Recording::default() };
+    let (q, tau): (Vec<_>, Vec<_>) = t.iter().map(|t| (angle(*t), [t.sin(); AXES])).unzip();
+    let signals = Signals::of_drives(Default::default(), t, &q, &tau);
+    let recording = Recording { signals, ..Recording::default() };
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("run.csv");
     recording::write(&recording, &file).unwrap();

@@ -11,7 +11,7 @@ use deltatwin::machine::{Geometry, Payload, Setup, Stops};
 use deltatwin::model::Model;
 use deltatwin::monitoring::{Sample, Sliding};
 use deltatwin::numerics::{bisect, halvings};
-use deltatwin::recording::Recording;
+use deltatwin::recording::{Channel, Recording};
 use deltatwin::scenario::{FourierMotion, Scenario};
 use deltatwin::twin::{
     Checkpoint, Clamps, Event, EventKind, Load, NewContacts, Options, Report, Torque, Twin, simulate,
@@ -203,7 +203,7 @@ fn a_socket_leaves_when_the_force_reaches_its_hold_and_not_before() {
         let period = robot.sample_time;
         const WATCHED: f64 = 1e3;
         let (free, _) = run(&robot, &options(WATCHED, false));
-        let margins = free.signals.socket_margin.as_ref().unwrap();
+        let margins = free.signals.rows::<SOCKETS>(Channel::SocketMargin);
         let across: Vec<f64> =
             margins.iter().map(|m| WATCHED - m.iter().copied().fold(f64::INFINITY, f64::min)).collect();
         // A level that the force crosses upwards after a while, 2/3 of the way to its peak.
@@ -219,17 +219,8 @@ fn a_socket_leaves_when_the_force_reaches_its_hold_and_not_before() {
 
         // The history until then is the same bit for bit, and the margin changes its sign in that sample.
         let head = |r: &Recording| {
-            let mut r = r.clone();
-            let s = &mut r.signals;
-            s.t.truncate(k + 1);
-            s.q.truncate(k + 1);
-            s.tau.truncate(k + 1);
-            s.strut_upper.iter_mut().chain(&mut s.strut_lower).flatten().for_each(|f| f.truncate(k + 1));
-            s.ee.as_mut().unwrap().truncate(k + 1);
-            s.qd.as_mut().unwrap().truncate(k + 1);
-            s.qdd.as_mut().unwrap().truncate(k + 1);
-            s.socket_margin.as_mut().unwrap().truncate(k + 1);
-            r
+            let signals = r.signals.part(0..k + 1);
+            Recording { signals, ..r.clone() }
         };
         assert!(armed.signals.len() > k + 1);
         if let Some(d) = head(&armed).first_difference(&head(&watched)) {
@@ -243,8 +234,8 @@ fn a_socket_leaves_when_the_force_reaches_its_hold_and_not_before() {
         let crossing = |substeps: usize| {
             let mut twin = Twin::new(plant.clone(), &plant.motion(&start).unwrap()).unwrap();
             let clamps = clamps(hold, true);
-            let tau = &watched.signals.tau;
-            let torque = |j: usize| Torque::ramp(j as f64 * period, tau[j], tau[j + 1], period);
+            let tau = watched.signals.tau();
+            let torque = |j: usize| Torque::ramp(j as f64 * period, tau.at(j), tau.at(j + 1), period);
             for j in 0..k {
                 twin.set_time(j as f64 * period);
                 (0..substeps).for_each(|_| twin.step(period / substeps as f64, &torque(j)).unwrap());
@@ -279,8 +270,8 @@ fn a_socket_leaves_when_the_force_reaches_its_hold_and_not_before() {
         let mut clamps = clamps(hold, true);
         let at_once: Vec<usize> = gone.iter().filter(|e| e.t == event.t).map(|e| told(e).0).collect();
         assert_eq!(at_once[..2], [first, first ^ 1], "the partner follows");
-        let tau = &watched.signals.tau;
-        let torque = Torque::ramp(k as f64 * period, tau[k], tau[k + 1], period);
+        let tau = watched.signals.tau();
+        let torque = Torque::ramp(k as f64 * period, tau.at(k), tau.at(k + 1), period);
         for (n, &socket) in at_once.iter().enumerate() {
             let s = twin.evaluate(&torque).unwrap();
             let margins = clamps.margins(&s.motion, &s.sockets, twin.closed());
@@ -299,8 +290,8 @@ fn a_socket_leaves_when_the_force_reaches_its_hold_and_not_before() {
         let trips = of_kind(&report, EventKind::Trip);
         assert_eq!(trips.len(), 1);
         assert!((trips[0].t - (k + 1) as f64 * period).abs() < 1e-12, "{} {}", trips[0].t, event.t);
-        let tau = &armed.signals.tau;
-        assert!(tau[k + 1] != [0.0; 4] && tau[k + 2..].iter().all(|t| *t == [0.0; 4]));
+        let tau = armed.signals.tau();
+        assert!(tau.at(k + 1) != [0.0; 4] && tau.iter().skip(k + 2).all(|t| t == [0.0; 4]));
         println!("lost at once: {at_once:?}; later: {}; trip at {:.4} s", gone.len() - at_once.len(), trips[0].t);
         assert!((0..SOCKETS).all(|s| report.closed.contains(s) != gone.iter().any(|e| told(e).0 == s)));
     }
@@ -415,9 +406,9 @@ fn followed(mut scenario: Scenario, duration: f64) -> (Model, Setup, Recording, 
     let (recording, _) = simulate(&machine, &setup, &plant, &|t| motion.at(t), &options, &mut |_| true).unwrap();
     let clamps = Clamps::watched(&machine.sockets);
     let signals = &recording.signals;
-    let (qd, qdd) = (signals.qd.as_ref().unwrap(), signals.qdd.as_ref().unwrap());
+    let (qd, qdd) = (signals.rows(Channel::Rate), signals.rows(Channel::Acceleration));
     let margins = (0..signals.len()).map(|k| {
-        let pose = plant.motion(&JointState { q: signals.q[k], qd: qd[k], qdd: qdd[k] }).unwrap();
+        let pose = plant.motion(&JointState { q: signals.q().at(k), qd: qd.at(k), qdd: qdd.at(k) }).unwrap();
         clamps.along(&plant, signals.t[k], &pose).unwrap().1
     });
     let margins = margins.collect();
@@ -429,13 +420,13 @@ fn followed(mut scenario: Scenario, duration: f64) -> (Model, Setup, Recording, 
 fn margins_along_a_known_motion_are_those_of_the_twin() {
     let (machine, setup, recording, margins) = followed(scenario("payload"), 1.4);
     let signals = &recording.signals;
-    let twin = signals.socket_margin.as_ref().unwrap();
+    let twin = signals.rows::<SOCKETS>(Channel::SocketMargin);
     let (mut worst, mut axial_only) = (0.0f64, 0.0f64);
     for (k, (twin, margins)) in twin.iter().zip(&margins).enumerate() {
-        let ends = signals.strut_upper.iter().chain(&signals.strut_lower);
+        let ends = (0..6).map(Channel::StrutUpper).chain((0..6).map(Channel::StrutLower));
         for ((twin, margin), end) in twin.iter().zip(margins).zip(ends) {
             worst = worst.max((twin - margin).abs());
-            let axial = machine.sockets.dislocation_force - end.as_ref().unwrap()[k].abs();
+            let axial = machine.sockets.dislocation_force - signals[end][k].abs();
             axial_only = axial_only.max((twin - axial).abs());
         }
     }
@@ -443,7 +434,7 @@ fn margins_along_a_known_motion_are_those_of_the_twin() {
     assert!(worst < 0.5 && axial_only > 1.5, "{worst} {axial_only}");
     // A watch sees sockets from angles alone.
     let mut stream = Sliding::new(&machine, &setup);
-    let sample = |k: usize| Sample { t: signals.t[k], q: signals.q[k], tau: signals.tau[k] };
+    let sample = |k: usize| Sample { t: signals.t[k], q: signals.q().at(k), tau: signals.tau().at(k) };
     let window = (0..signals.len()).find_map(|k| stream.push(sample(k)).unwrap()).expect("a window");
     assert!(window.loads.is_some_and(|loads| loads.margin.iter().all(|m| m.is_finite())));
 }

@@ -1,12 +1,13 @@
 //! Relatives of the robot: carriages in place of arms.
 
 use crate::common::{model, planned};
-use deltatwin::dynamics::{Channel, Plant, inverse_dynamics};
+use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::identification::fit::Options;
 use deltatwin::identification::{Dataset, NoiseLevel, fit, limb_test, predict};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::{Actuator, Geometry, Mechanism, Setup};
 use deltatwin::model::Model;
+use deltatwin::recording::Channel;
 use deltatwin::scenario::Course;
 use nalgebra::Vector3;
 use rand::RngExt;

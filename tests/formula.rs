@@ -4,12 +4,13 @@ use std::path::Path;
 
 use crate::common::{payload, random_joints};
 use deltatwin::diagnosis::{DiagnosisError, add};
-use deltatwin::dynamics::{Channel, Plant, Sample, inverse_dynamics, regressor};
+use deltatwin::dynamics::{Plant, Sample, inverse_dynamics, regressor};
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::{Dataset, fit};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::{Configuration, Setup};
 use deltatwin::model::Model;
+use deltatwin::recording::Channel;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin::twin::{Gains, Options, Torque, Twin, simulate};
 use deltatwin_io::model;

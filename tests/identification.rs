@@ -4,7 +4,7 @@ use crate::common;
 
 use deltatwin::comparison::compare;
 use deltatwin::diagnosis::{add, diagnose};
-use deltatwin::dynamics::{Channel, Plant, set_parameters};
+use deltatwin::dynamics::{Plant, set_parameters};
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::consistency::min_eigenvalue;
 use deltatwin::identification::fit::{Consistency, Options, Reason, Weighing, fit_with};
@@ -13,6 +13,7 @@ use deltatwin::kinematics::JointState;
 use deltatwin::machine::bodies::ROTOR;
 use deltatwin::machine::{Configuration, Setup};
 use deltatwin::model::Model;
+use deltatwin::recording::Channel;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin_io::model;
 use rand::RngExt;
@@ -25,19 +26,9 @@ const SIGMA: [f64; 4] = [0.4, 0.4, 0.4, 0.05];
 
 /// A recording of `robot` along a motion that is known exactly, without noise.
 fn dataset(robot: &Model, setup: &Setup, samples: usize, dt: f64, motion: impl Fn(f64) -> JointState) -> Dataset {
-    let mut dataset = Dataset {
-        name: "made".into(),
-        setup: *setup,
-        t: (0..samples).map(|k| k as f64 * dt).collect(),
-        joints: (0..samples).map(|k| motion(k as f64 * dt)).collect(),
-        channels: Channel::TORQUES.to_vec(),
-        measured: vec![vec![0.0; samples]; 4],
-        segments: std::iter::once(0..samples).collect(),
-        dt,
-        readings: deltatwin::identification::EncoderReadings::default(),
-        standing: 0.0,
-        half_width: [10; 4],
-    };
+    let joints = (0..samples).map(|k| motion(k as f64 * dt)).collect();
+    let exact = Dataset::exact(robot.mechanism, *setup, Channel::TORQUES.to_vec(), dt, joints);
+    let mut dataset = Dataset { name: "made".into(), half_width: [10; 4], ..exact };
     dataset.measured = predict(&Plant::new(robot, setup), &dataset).expect("reachable");
     dataset
 }

@@ -3,7 +3,7 @@
 use crate::common;
 
 use common::{model, nominal_plant, random_joints};
-use deltatwin::dynamics::{Channel, Output, Plant, Sample, inverse_dynamics, regressor, set_parameters};
+use deltatwin::dynamics::{Output, Plant, Sample, inverse_dynamics, regressor, set_parameters};
 use deltatwin::effects::{ActiveEffect, Effect, Instant, Kind, REGISTRY, Role, Wrenches, find};
 use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::kinematics::{JointState, KinematicsError, Motion, PlatformState, Reactions, SocketSet};
@@ -12,6 +12,7 @@ use deltatwin::machine::bodies::{
 };
 use deltatwin::machine::{Geometry, Part, Payload, Setup};
 use deltatwin::model::Model;
+use deltatwin::recording::Channel;
 use deltatwin::recording::Signals;
 use deltatwin::twin::energy;
 use nalgebra::{Matrix3, Vector3};
@@ -285,13 +286,10 @@ fn instant<'a>(
 }
 
 fn random_signals(rng: &mut ChaCha8Rng) -> Signals {
-    let mut four = || std::array::from_fn(|_| rng.random_range(-3.0..3.0));
-    Signals {
-        t: (0..50).map(|k| 4e-4 * f64::from(k)).collect(),
-        q: (0..50).map(|_| four()).collect(),
-        tau: (0..50).map(|_| four()).collect(),
-        ..Signals::default()
-    }
+    let mut rows =
+        || -> Vec<[f64; 4]> { (0..50).map(|_| std::array::from_fn(|_| rng.random_range(-3.0..3.0))).collect() };
+    let t = (0..50).map(|k| 4e-4 * f64::from(k)).collect();
+    Signals::of_drives(Default::default(), t, &rows(), &rows())
 }
 
 /// Largest |offset + regressor · parameters − inverse dynamics| over 50 motions, relative to each channel's largest value,

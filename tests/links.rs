@@ -2,15 +2,16 @@
 
 use crate::common;
 
-use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::fit::{Fit, Options, fit_with};
 use deltatwin::identification::regularisation::GroupWeight;
-use deltatwin::identification::{Dataset, EncoderReadings, predict};
+use deltatwin::identification::{Dataset, predict};
 use deltatwin::kinematics::{BodyMotion, JointState, Motion};
 use deltatwin::machine::bodies::{ARM, STRUT};
 use deltatwin::machine::{BodyParameters, Geometry, Inertia, LinkParameters, STRUTS, Setup};
 use deltatwin::model::Model;
+use deltatwin::recording::Channel;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin_io::model;
 use nalgebra::DMatrix;
@@ -30,19 +31,9 @@ fn dataset(robot: &Model, share: f64) -> Dataset {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let motion = FourierMotion::random(&believed, &MotionLimits::of(&nominal, 0.6), 0.1, 10, &mut rng);
     let joints = |t: f64| believed.geometry.inverse_motion(&motion.at(t)).expect("within the workspace");
-    let mut dataset = Dataset {
-        name: "made".into(),
-        setup: Setup::default(),
-        t: (0..SAMPLES).map(|k| k as f64 * STEP).collect(),
-        joints: (0..SAMPLES).map(|k| joints(k as f64 * STEP)).collect(),
-        channels: Channel::TORQUES.to_vec(),
-        measured: vec![vec![0.0; SAMPLES]; 4],
-        segments: std::iter::once(0..SAMPLES).collect(),
-        dt: STEP,
-        readings: EncoderReadings::default(),
-        standing: 0.0,
-        half_width: [10; 4],
-    };
+    let samples = (0..SAMPLES).map(|k| joints(k as f64 * STEP)).collect();
+    let exact = Dataset::exact(robot.mechanism, Setup::default(), Channel::TORQUES.to_vec(), STEP, samples);
+    let mut dataset = Dataset { half_width: [10; 4], ..exact };
     dataset.measured = predict(&Plant::new(robot, &Setup::default()), &dataset).expect("reachable");
     for (series, sigma) in dataset.measured.iter_mut().zip(SIGMA) {
         series.iter_mut().for_each(|x| *x += share * sigma * rng.sample::<f64, _>(StandardNormal));

@@ -25,7 +25,9 @@ fn run(machine: &Model, seed: u64, start: f64) -> Vec<Sample> {
     let options = Options { noise_seed: Some(seed), ..Options::of(&scenario, machine) };
     let run = simulate(machine, &scenario.setup, &controller, &|t| motion.at(t), &options, &mut |_| true);
     let signals = run.unwrap().0.signals;
-    (0..signals.len()).map(|k| Sample { t: start + signals.t[k], q: signals.q[k], tau: signals.tau[k] }).collect()
+    (0..signals.len())
+        .map(|k| Sample { t: start + signals.t[k], q: signals.q().at(k), tau: signals.tau().at(k) })
+        .collect()
 }
 
 /// The true robot with the friction of its ball sockets times `wear`.

@@ -67,7 +67,7 @@ proptest! {
         let failure = match run {
             Ok((recording, report, failure)) => {
                 let s = &recording.signals;
-                prop_assert!(s.q.iter().chain(&s.tau).flatten().chain(&s.t).all(|v| v.is_finite()));
+                prop_assert!(s.series().flat_map(|(_, values)| values).chain(&s.t).all(|v| v.is_finite()));
                 prop_assert!(report.max_loop_gap.is_finite() && report.kinetic_energy.is_finite());
                 // Without a failure, the balance says whether the steps were short enough.
                 prop_assert!(failure.is_some() || report.energy_error.is_finite());

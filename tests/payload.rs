@@ -3,12 +3,13 @@
 use crate::common;
 
 use deltatwin::diagnosis::{self, Verdict, diagnose, diagnose_with};
-use deltatwin::dynamics::{Channel, Plant, inverse_dynamics};
+use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::identification::fit::{Estimate, FitError, Options};
-use deltatwin::identification::{Dataset, EncoderReadings, PayloadFit, identify_payload, predict};
+use deltatwin::identification::{Dataset, PayloadFit, identify_payload, predict};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::{Geometry, Payload, STRUTS, Setup};
 use deltatwin::model::Model;
+use deltatwin::recording::Channel;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin_io::recording::setup;
 use nalgebra::{Rotation3, Vector3};
@@ -96,19 +97,10 @@ fn recording(model: &Model, payload: Payload, rotation: bool, struts: bool, seed
     if struts {
         channels.extend((0..STRUTS).map(Channel::StrutLower));
     }
-    let mut dataset = Dataset {
-        name: "made".into(),
-        setup: Setup { payload, ..Setup::default() },
-        t: (0..SAMPLES).map(|k| k as f64 * STEP).collect(),
-        joints: (0..SAMPLES).map(|k| joints(k as f64 * STEP)).collect(),
-        measured: vec![vec![0.0; SAMPLES]; channels.len()],
-        channels,
-        segments: std::iter::once(0..SAMPLES).collect(),
-        dt: STEP,
-        readings: EncoderReadings::default(),
-        standing: 0.0,
-        half_width: [10; 4],
-    };
+    let samples = (0..SAMPLES).map(|k| joints(k as f64 * STEP)).collect();
+    let setup = Setup { payload, ..Setup::default() };
+    let exact = Dataset::exact(model.mechanism, setup, channels, STEP, samples);
+    let mut dataset = Dataset { name: "made".into(), half_width: [10; 4], ..exact };
     dataset.measured = predict(&Plant::new(model, &dataset.setup), &dataset).expect("reachable");
     for (series, sigma) in dataset.measured.iter_mut().zip(noise(struts)) {
         series.iter_mut().for_each(|x| *x += sigma * rng.sample::<f64, _>(StandardNormal));

@@ -18,6 +18,7 @@ use deltatwin::planner::{
     Curve, Limit, Limits, Machine, Objective, Options, PathPoint, Plan, PlanError, Reference, Shape, Task, plan,
     relaxation,
 };
+use deltatwin::recording::Channel;
 use nalgebra::Vector4;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -555,12 +556,13 @@ fn a_table_of_a_plan_is_consistent() {
     let machine = Machine::new(&plant, limits.detail);
     let found = plan(&machine, &curve, &limits, &QUICK).unwrap();
     let table = trajectory(&machine, &found, &setup, 400e-6, "u-turn").unwrap().signals;
-    let (qd, qdd) = (table.qd.unwrap(), table.qdd.unwrap());
+    let [q, qd, qdd] = [Channel::Angle, Channel::Rate, Channel::Acceleration]
+        .map(|of: fn(usize) -> Channel| table.rows::<4>(of).iter().collect::<Vec<_>>());
     let n = table.t.len();
     assert!((table.t[n - 1] - found.time) < 400e-6 && table.t[n - 1] >= found.time);
     for k in 1..n - 1 {
         for i in 0..4 {
-            let rate = (table.q[k + 1][i] - table.q[k - 1][i]) / 800e-6;
+            let rate = (q[k + 1][i] - q[k - 1][i]) / 800e-6;
             let acceleration = (qd[k + 1][i] - qd[k - 1][i]) / 800e-6;
             // A third of the jerk times the period squared; half the jump of jerk.
             assert!((rate - qd[k][i]).abs() < 1e-3, "{k} {i}: {rate} {}", qd[k][i]);
@@ -569,7 +571,7 @@ fn a_table_of_a_plan_is_consistent() {
     }
     assert!(qd[0] == [0.0; 4] && qd[n - 1].iter().all(|v| v.abs() < 1e-9));
     let end = curve.at(1.0)[0];
-    let platform = table.ee.unwrap()[n - 1];
+    let platform = table.rows::<3>(Channel::EndEffector).at(n - 1);
     assert!((0..3).all(|i| (platform[i] - end[i]).abs() < 1e-9));
 }
 
@@ -744,7 +746,7 @@ fn a_reversal_is_a_stop_at_the_waypoint() {
         let machine = Machine::new(&plant, task.limits.detail);
         let found = plan(&machine, &curve, &task.limits, &QUICK).unwrap();
         let table = trajectory(&machine, &found, &task.setup, 400e-6, "there and back").unwrap().signals;
-        let y = table.ee.unwrap().into_iter().map(|p| p[1]).fold(f64::NEG_INFINITY, f64::max);
+        let y = table[Channel::EndEffector(1)].iter().copied().fold(f64::NEG_INFINITY, f64::max);
         assert!((y - 0.1).abs() < 1e-4, "{y}");
         // Along the line two motions from rest to rest would take longer: acceleration may go on through the stop.
         let one =

@@ -149,7 +149,7 @@ fn draw(seed: u64) -> Random {
 
 fn finite(recording: &Recording, report: &Report) -> bool {
     let s = &recording.signals;
-    let rows = s.q.iter().chain(&s.tau).flatten().chain(s.ee.iter().flatten().flatten());
+    let rows = s.series().flat_map(|(_, values)| values);
     let sockets = report.min_margin.iter().take(SOCKETS);
     let single = [
         report.simulated,

@@ -38,11 +38,7 @@ fn play(file: &Path, change: impl Fn(&mut Options)) -> (Recording, Report) {
 
 /// Every number in a recording.
 fn numbers(r: &Recording) -> impl Iterator<Item = f64> + '_ {
-    let s = &r.signals;
-    let fours = s.q.iter().chain(&s.tau).chain(s.qd.iter().flatten()).chain(s.qdd.iter().flatten()).flatten();
-    let struts = s.strut_upper.iter().chain(&s.strut_lower).flatten().flatten();
-    let rest = s.ee.iter().flatten().flatten().chain(s.socket_margin.iter().flatten().flatten());
-    s.t.iter().chain(fours).chain(struts).chain(rest).copied()
+    r.signals.t.iter().chain(r.signals.series().flat_map(|(_, values)| values)).copied()
 }
 
 #[test]

@@ -121,7 +121,7 @@ fn measured(law: Law, seed: u64) -> Dataset {
             torque[i][k] - own + Normal::new(0.0, NOISE[i]).unwrap().sample(&mut rng)
         }));
     }
-    let signals = Signals { q: encoded(&robot, &exact.joints), t: exact.t, tau, ..Signals::default() };
+    let signals = Signals::of_drives(robot.mechanism, exact.t, &encoded(&robot, &exact.joints), &tau);
     Dataset::new(&Recording { name: "measured".into(), signals, setup })
 }
 

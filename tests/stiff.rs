@@ -274,8 +274,8 @@ fn a_run_begins_in_balance() {
     let options = Options { duration: 0.1, ..Options::default() };
     let still = |_: f64| Target::Joints(wanted);
     let (recording, _) = simulate(&robot, &Setup::default(), &believed, &still, &options, &mut |_| true).unwrap();
-    let first = recording.signals.tau[0];
-    for (q, tau) in recording.signals.q.iter().zip(&recording.signals.tau) {
+    let first = recording.signals.tau().at(0);
+    for (q, tau) in recording.signals.q().iter().zip(recording.signals.tau().iter()) {
         for i in 0..4 {
             assert!((q[i] - wanted.q[i]).abs() < 1e-4, "axis {}: {:e} rad off", i + 1, q[i] - wanted.q[i]);
             // The controller's model knows nothing of the offsets; dry friction of 4 N·m and more holds the difference.

@@ -49,12 +49,8 @@ fn measured(robot: &Model, course: &Course, payload: Payload, duration: f64, see
     let torque = predict(&Plant::new(robot, &setup), &exact).expect("a possible motion");
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut noisy = |i: usize, k: usize| torque[i][k] + Normal::new(0.0, NOISE[i]).expect("a width").sample(&mut rng);
-    let signals = Signals {
-        t: exact.t.clone(),
-        q: encoded(robot, &exact.joints),
-        tau: (0..n).map(|k| std::array::from_fn(|i| noisy(i, k))).collect(),
-        ..Signals::default()
-    };
+    let tau: Vec<_> = (0..n).map(|k| std::array::from_fn(|i| noisy(i, k))).collect();
+    let signals = Signals::of_drives(robot.mechanism, exact.t.clone(), &encoded(robot, &exact.joints), &tau);
     Dataset::new(&Recording { name: "measured".into(), signals, setup })
 }
 

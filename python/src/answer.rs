@@ -3,6 +3,7 @@
 use deltatwin::comparison;
 use deltatwin::diagnosis::{self, budget};
 use deltatwin::identification;
+use deltatwin::machine::Mechanism;
 use pyo3::prelude::*;
 
 use crate::table::{Series, Table};
@@ -148,10 +149,14 @@ pub fn estimates(title: &str, all: &[Estimate]) -> Table {
 }
 
 /// RMS errors by channel as a table; `series` are named columns.
-pub fn errors(channels: &[deltatwin::dynamics::Channel], series: &[(&str, Option<&[f64]>)]) -> Table {
+pub fn errors(
+    machine: Mechanism,
+    channels: &[deltatwin::recording::Channel],
+    series: &[(&str, Option<&[f64]>)],
+) -> Table {
     let mut table = Table::new("RMS error");
     table.push("channel", "", Series::Text(channels.iter().map(|c| Some(c.to_string())).collect()));
-    table.push("unit", "", Series::Text(channels.iter().map(|c| Some(c.unit().to_string())).collect()));
+    table.push("unit", "", Series::Text(channels.iter().map(|c| Some(c.unit(machine).to_string())).collect()));
     for (name, values) in series {
         if let Some(values) = values {
             table.push(name, "", Series::Float(values.to_vec()));

@@ -3,13 +3,13 @@
 use std::ffi::CString;
 use std::sync::Arc;
 
-use deltatwin::dynamics::Channel;
 use deltatwin::gate::{combined, examine};
 use deltatwin::identification::bandwidth::{bandwidth, narrow};
 use deltatwin::identification::zeros::zeros;
 use deltatwin::identification::{Dataset, Method, check_together};
 use deltatwin::machine::{Mechanism, Unit};
 use deltatwin::model;
+use deltatwin::recording::Channel;
 use pyo3::exceptions::{PyTypeError, PyUserWarning};
 use pyo3::prelude::*;
 

@@ -4,10 +4,10 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use deltatwin::diagnosis::{self, DiagnosisError, Options, add_with, diagnose_with, parameters_of};
-use deltatwin::dynamics::Channel;
 use deltatwin::effects::Effect;
 use deltatwin::identification::Dataset;
 use deltatwin::model;
+use deltatwin::recording::Channel;
 use deltatwin_report::drawing::residual::{self, Stage};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -125,7 +125,7 @@ impl Diagnosis {
             ("after", Some(&d.rms_after[..])),
             ("noise_floor", Some(&d.noise_floor[..])),
         ];
-        answer::errors(&d.channels, &series)
+        answer::errors(d.model.mechanism, &d.channels, &series)
     }
 
     fn svg(&self) -> PyResult<String> {
@@ -210,7 +210,7 @@ impl Addition {
             ("after", Some(b.rms_after())),
             ("noise_floor", Some(&b.noise_floor[..])),
         ];
-        answer::errors(&b.channels, &series)
+        answer::errors(b.mechanism, &b.channels, &series)
     }
 
     fn svg(&self) -> PyResult<String> {

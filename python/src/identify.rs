@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use deltatwin::comparison;
-use deltatwin::dynamics::Channel;
 use deltatwin::identification::estimator::PRIOR_INFORMATION;
 use deltatwin::identification::fit::{Fit, FitError, fit_with};
 use deltatwin::identification::{Dataset, HeldOut, NoiseLevel, Residuals};
 use deltatwin::model;
+use deltatwin::recording::Channel;
 use deltatwin_report::drawing::residual::{self, Stage};
 use pyo3::prelude::*;
 
@@ -104,7 +104,7 @@ impl Identification {
             ("held_out", self.held_out.as_ref().map(|h| &h.rms[..])),
             ("noise_floor", Some(&self.noise[..])),
         ];
-        answer::errors(&self.channels, &series)
+        answer::errors(self.fit.model.mechanism, &self.channels, &series)
     }
 
     fn __repr__(&self) -> String {
@@ -177,7 +177,7 @@ impl Comparison {
             ("held_out", c.held_out.as_ref().map(|h| &h.rms[..])),
             ("noise_floor", Some(&c.noise_floor[..])),
         ];
-        answer::errors(&c.channels, &series)
+        answer::errors(c.mechanism, &c.channels, &series)
     }
 
     #[getter]
@@ -185,7 +185,8 @@ impl Comparison {
         let mut table = Table::new("residuals, measured - predicted");
         table.push("t", "s", crate::table::Series::Float(self.dataset.t.clone()));
         for (channel, values) in self.dataset.channels.iter().zip(&self.residuals.series[0]) {
-            table.push(&channel.to_string(), channel.unit(), crate::table::Series::Float(values.clone()));
+            let unit = channel.unit(self.dataset.mechanism).to_string();
+            table.push(&channel.to_string(), &unit, crate::table::Series::Float(values.clone()));
         }
         table
     }

@@ -1,11 +1,11 @@
 //! [`identify_payload`]: what the flange carries, with a known robot.
 
-use deltatwin::dynamics::Channel;
 use deltatwin::identification::NoiseLevel;
 use deltatwin::identification::estimator::PRIOR_INFORMATION;
 use deltatwin::identification::fit::FitError;
 use deltatwin::identification::{PayloadFit, identify_payload as identified};
 use deltatwin::machine;
+use deltatwin::recording::Channel;
 use deltatwin_io::recording::setup;
 use pyo3::prelude::*;
 
@@ -74,7 +74,7 @@ impl PayloadIdentification {
     #[getter]
     fn errors(&self) -> Table {
         let series = [("rms", Some(&self.found.fit.residuals.rms[..])), ("noise_floor", Some(&self.noise[..]))];
-        answer::errors(&self.channels, &series)
+        answer::errors(self.found.fit.model.mechanism, &self.channels, &series)
     }
 
     fn __repr__(&self) -> String {

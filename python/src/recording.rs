@@ -5,10 +5,10 @@ use std::sync::{Arc, OnceLock};
 
 use deltatwin::identification::{Dataset, Method};
 use deltatwin::machine::{Axis, Joint, Mechanism};
-use deltatwin::recording::{self, Signals};
+use deltatwin::recording::{self, Channel, Signals};
 use deltatwin_io::recording::{Mapping, Reading};
 use numpy::{PyArray1, PyArrayDyn};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyKeyError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyCapsule;
 
@@ -51,31 +51,25 @@ impl Recording {
         self.inner.signals.mechanism.axes()
     }
 
-    fn joined<'py>(&self, py: Python<'py>, values: &[[f64; 4]]) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    /// The rows of a quantity of the axes.
+    fn joined<'py>(
+        &self,
+        py: Python<'py>,
+        rows: impl Iterator<Item = [f64; 4]>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let own = self.axes();
-        let flat: Vec<f64> = values.iter().flat_map(|row| row[..own].iter().copied()).collect();
-        array(py, flat, &[values.len(), own])
+        let flat: Vec<f64> = rows.flat_map(|row| row.into_iter().take(own)).collect();
+        let len = flat.len() / own;
+        array(py, flat, &[len, own])
     }
 }
 
-/// Rows of four numbers; those of missing axes are zero.
-fn padded(rows: &Rows) -> PyResult<Vec<[f64; 4]>> {
-    let width = rows.width;
-    let row = |row: &[f64]| std::array::from_fn(|i| row.get(i).copied().unwrap_or(0.0));
-    Ok(rows.values()?.chunks_exact(width).map(row).collect())
-}
-
-/// The first value of an array that is not finite, as an error with row and column.
-fn finite(py: Python, values: &[[f64; 4]], name: &str, axes: usize) -> PyResult<()> {
-    for (k, row) in values.iter().enumerate() {
-        if let Some(i) = row[..axes].iter().position(|x| !x.is_finite()) {
-            let text = format!("row {k}, column `{name}{}`: {}; expected a finite number", i + 1, row[i]);
-            let made = py.import("deltatwin._errors")?.getattr("DataError")?;
-            let arguments = (text, None::<String>, k.to_string(), format!("{name}{}", i + 1));
-            return Err(PyErr::from_value(made.call1(arguments)?));
-        }
-    }
-    Ok(())
+/// The value of a channel that is not finite, as an error with row and column.
+fn finite(py: Python, channel: Channel, values: &[f64]) -> PyResult<()> {
+    let Some(k) = values.iter().position(|x| !x.is_finite()) else { return Ok(()) };
+    let text = format!("row {k}, column `{channel}`: {}; expected a finite number", values[k]);
+    let made = py.import("deltatwin._errors")?.getattr("DataError")?;
+    Err(PyErr::from_value(made.call1((text, None::<String>, k.to_string(), channel.to_string()))?))
 }
 
 #[pymethods]
@@ -171,30 +165,32 @@ impl Recording {
                 return Err(errors::data_error(py, format!("q has {other} columns; expected 1, 3 or 4 axes")));
             }
         };
-        let read = |object: &Bound<'_, PyAny>, name: &str| -> PyResult<Vec<[f64; 4]>> {
+        let mut signals = Signals::new(mechanism, Vec::new());
+        let families: [(fn(usize) -> Channel, Option<&Bound<'_, PyAny>>); 4] = [
+            (Channel::Angle, Some(q)),
+            (Channel::Torque, Some(tau)),
+            (Channel::Rate, qd),
+            (Channel::Acceleration, qdd),
+        ];
+        for (of, object) in families {
+            let (Some(object), name) = (object, of(0).family().name) else { continue };
             let columns = py.import("numpy")?.call_method1("reshape", (object, (-1, axes)))?;
             let rows = Rows::of(&columns, name, axes)?;
             if rows.len != n {
                 let text = format!("{name} has {} rows, t has {n}; expected the same number", rows.len);
                 return Err(errors::data_error(py, text));
             }
-            let values = padded(&rows)?;
-            finite(py, &values, name, axes)?;
-            Ok(values)
-        };
+            for k in 0..axes {
+                let values: Vec<f64> = rows.values()?.iter().skip(k).step_by(axes).copied().collect();
+                finite(py, of(k), &values)?;
+                signals.set(of(k), values);
+            }
+        }
         if let Some(k) = (1..n).find(|&k| times[k] <= times[k - 1] || !times[k].is_finite()) {
             let text = format!("row {k}, column `t`: {}; expected a time after {}", times[k], times[k - 1]);
             return Err(errors::data_error(py, text));
         }
-        let signals = Signals {
-            mechanism,
-            q: read(q, "q")?,
-            tau: read(tau, "tau")?,
-            qd: qd.map(|x| read(x, "qd")).transpose()?,
-            qdd: qdd.map(|x| read(x, "qdd")).transpose()?,
-            t: times,
-            ..Signals::default()
-        };
+        signals.t = times;
         let setup = setup.map(|s| s.inner).unwrap_or_default();
         Ok(recording::Recording { name: name.into(), signals, setup }.into())
     }
@@ -244,21 +240,33 @@ impl Recording {
     /// Joint angles ``(n, dof)``, rad.
     #[getter]
     fn q<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        self.joined(py, &self.inner.signals.q)
+        self.joined(py, self.inner.signals.q().iter())
     }
 
     /// Drive torques ``(n, dof)``, N·m.
     #[getter]
     fn tau<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        self.joined(py, &self.inner.signals.tau)
+        self.joined(py, self.inner.signals.tau().iter())
+    }
+
+    /// Names of the channels, as in files: ``q1``, ``tau1``, ``strut1_upper``, ``load1``, ….
+    #[getter]
+    fn channels(&self) -> Vec<String> {
+        self.inner.signals.series().map(|(channel, _)| channel.to_string()).collect()
+    }
+
+    /// The values ``(n,)`` of a channel by its name. Raises ``KeyError`` if it was not recorded.
+    fn __getitem__<'py>(&self, py: Python<'py>, channel: &str) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let values = Channel::named(channel).and_then(|channel| self.inner.signals.get(channel));
+        let values = values.ok_or_else(|| PyKeyError::new_err(format!("{channel}: not recorded")))?;
+        Ok(PyArray1::from_slice(py, values))
     }
 
     /// ``t``, ``q``, ``qd``, ``qdd``: the smoothed motion that fits use; a few samples at the ends are lost.
     fn states<'py>(&self, py: Python<'py>) -> PyResult<Course<'py>> {
         let dataset = py.detach(|| self.dataset());
         let of = |get: &dyn Fn(&deltatwin::kinematics::JointState) -> [f64; 4]| {
-            let rows: Vec<[f64; 4]> = dataset.joints.iter().map(get).collect();
-            self.joined(py, &rows)
+            self.joined(py, dataset.joints.iter().map(get))
         };
         Ok((PyArray1::from_slice(py, &dataset.t), of(&|j| j.q)?, of(&|j| j.qd)?, of(&|j| j.qdd)?))
     }
@@ -267,7 +275,7 @@ impl Recording {
     fn to_arrow(&self) -> Table {
         let mut table = Table::new(&self.inner.name);
         for (name, unit, values) in self.inner.signals.columns() {
-            table.push(&name, &unit.to_string(), Series::Float(values));
+            table.push(&name, &unit.to_string(), Series::Float(values.to_vec()));
         }
         table
     }

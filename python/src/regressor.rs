@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 
-use deltatwin::dynamics::{Channel, Plant, PlantParameter, Sample, regressor, steady_inverse_dynamics};
+use deltatwin::dynamics::{Plant, PlantParameter, Sample, regressor, steady_inverse_dynamics};
 use deltatwin::effects::ActiveEffect;
 use deltatwin::identification::base_parameters::Structure;
 use deltatwin::kinematics::KinematicsError;
+use deltatwin::recording::Channel;
 use nalgebra::{DMatrix, DVector};
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;

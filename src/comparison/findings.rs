@@ -8,8 +8,9 @@ use super::bursts::bursts;
 use super::hysteresis::hysteresis;
 use super::place::{Partition, reversal};
 use super::spectrum::spectrum;
-use crate::dynamics::Channel;
 use crate::identification::Dataset;
+use crate::machine::Unit;
+use crate::recording::Channel;
 use crate::text::significant;
 
 /// Share of the mean square from which a pattern is reported.
@@ -90,6 +91,15 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
+    fn unit(&self) -> Unit {
+        self.channel.unit(self.datasets[0].mechanism)
+    }
+
+    /// Unit of the joint coordinate.
+    fn joint_unit(&self) -> Unit {
+        Channel::Angle(0).unit(self.datasets[0].mechanism)
+    }
+
     fn finding(&self, place: &str, share: f64, what: String) -> Finding {
         let sentence = format!("{}: {:.0} % of the residual {what}", self.channel, 100.0 * share);
         Finding { channel: self.channel, place: place.into(), share, sentence }
@@ -113,7 +123,7 @@ impl Search<'_> {
             return None;
         }
         self.rest.iter_mut().for_each(|r| *r -= mean);
-        let what = format!("is its mean: {mean:+.3} {} throughout", self.channel.unit());
+        let what = format!("is its mean: {mean:+.3} {} throughout", self.unit());
         Some(self.finding("mean", share, what))
     }
 
@@ -140,12 +150,12 @@ impl Search<'_> {
         let explained = partition.explain(&self.rest);
         let members = || partition.members(explained.bin).map(|i| x[i]);
         let (low, high) = members().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
-        let unit = quantity.unit.replace("rad", self.channel.joint_unit());
+        let unit = quantity.unit.replace("rad", &self.joint_unit().to_string());
         let what = format!(
             "follows the {}: {:+.3} {} at {} {low:.2} to {high:.2} {unit}",
             quantity.name,
             explained.mean,
-            self.channel.unit(),
+            self.unit(),
             quantity.symbol
         );
         let finding = self.finding(quantity.name, self.of_whole(explained.share), what);
@@ -171,9 +181,9 @@ impl Search<'_> {
         let [first, far] = found.along;
         let what = format!(
             "is hysteresis: after a reversal it goes from {first:+.3} to {far:+.3} {} along the motion, half of it within {} {}",
-            self.channel.unit(),
+            self.unit(),
             significant(found.distance, 2),
-            self.channel.joint_unit()
+            self.joint_unit()
         );
         let finding = self.finding("hysteresis", self.of_whole(found.share), what);
         Some(Cause { rest: found.rest, finding })
@@ -193,7 +203,7 @@ impl Search<'_> {
         let what = format!(
             "is in {}: the strongest of {rms:.3} {} RMS for {} s at {:.2} s of {}, {:.3} elsewhere",
             if found.count == 1 { "one burst".into() } else { format!("{} bursts", found.count) },
-            self.channel.unit(),
+            self.unit(),
             significant(samples.len() as f64 * dt, 2),
             dataset.t[start],
             dataset.name,
@@ -219,7 +229,7 @@ impl Search<'_> {
         let rest: Vec<f64> = self.rest.iter().zip(&features).map(|(r, f)| r - at(f)).collect();
         let share = (1.0 - square(&rest) / square(&self.rest).max(f64::MIN_POSITIVE)).max(0.0);
         let change = at(&legendre(1.0)) - at(&legendre(-1.0));
-        let what = format!("drifts with time: by {change:+.3} {} in {end:.1} s", self.channel.unit());
+        let what = format!("drifts with time: by {change:+.3} {} in {end:.1} s", self.unit());
         Cause { finding: self.finding("time", self.of_whole(share), what), rest }
     }
 
@@ -241,7 +251,7 @@ impl Search<'_> {
         let what = format!(
             "follows the place in the workspace: {:+.3} {} at x {}, y {}, z {} m",
             explained.mean,
-            self.channel.unit(),
+            self.unit(),
             range(0),
             range(1),
             range(2)
@@ -259,9 +269,9 @@ impl Search<'_> {
         let what = format!(
             "is extra near reversals: RMS {:.3} {} below {:.2} {}/s, {:.3} elsewhere",
             found.rms[0],
-            self.channel.unit(),
+            self.unit(),
             found.near,
-            self.channel.joint_unit(),
+            self.joint_unit(),
             found.rms[1]
         );
         let larger = found.rms[0] > LARGER * found.rms[1];

@@ -6,14 +6,18 @@ mod hysteresis;
 mod place;
 mod spectrum;
 
-use crate::dynamics::{Channel, Plant};
+use crate::dynamics::Plant;
 use crate::identification::fit::{FitError, kinematics};
 use crate::identification::{Dataset, HeldOut, NoiseLevel, Residuals, check_together};
+use crate::machine::Mechanism;
 use crate::model::Model;
+use crate::recording::Channel;
 
 /// Residuals of a model without refitting.
 #[derive(Clone, Debug)]
 pub struct Comparison {
+    /// Kind of machine.
+    pub mechanism: Mechanism,
     /// Channels, in the order of the following arrays.
     pub channels: Vec<Channel>,
     /// RMS residual, N·m or N.
@@ -97,7 +101,7 @@ pub fn compare_with(
         found.extend(findings::of_channel(channels[c], datasets, &platform, residuals.channel(c), noise_floor[c]));
     }
     found.sort_by(|a, b| b.share.total_cmp(&a.share));
-    Ok(Comparison { channels, rms, noise_floor, held_out, findings: found })
+    Ok(Comparison { mechanism: model.mechanism, channels, rms, noise_floor, held_out, findings: found })
 }
 
 /// Patterns of the residual of channel `c` of a model on recordings, largest share first.

@@ -8,9 +8,9 @@ use super::experiment::NextExperiment;
 use super::fitting::Work;
 use super::left::Left;
 use super::unknown::Unexplained;
-use crate::dynamics::Channel;
 use crate::identification::fit::Estimate;
 use crate::model::Model;
+use crate::recording::Channel;
 
 /// Conclusion of a diagnosis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

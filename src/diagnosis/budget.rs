@@ -1,12 +1,15 @@
 //! Error budget: the shares of noise, of each added effect, and of the unexplained rest.
 
-use crate::dynamics::Channel;
 use crate::identification::{Estimate, Fit};
+use crate::machine::Mechanism;
 use crate::model::history::{Added, rounded};
+use crate::recording::Channel;
 
 /// Sequence of added effects with the residuals before and after each.
 #[derive(Clone, Debug)]
 pub struct Budget {
+    /// Kind of machine.
+    pub mechanism: Mechanism,
     /// Channels of the arrays.
     pub channels: Vec<Channel>,
     /// RMS residual without any of the effects, N·m or N.
@@ -107,6 +110,7 @@ mod tests {
 
     fn budget() -> Budget {
         Budget {
+            mechanism: Mechanism::default(),
             channels: vec![Channel::Torque(0), Channel::StrutUpper(2)],
             rms_before: vec![1.0, 10.0],
             noise_floor: vec![0.4, 2.0],

@@ -10,13 +10,14 @@ use super::fitting::{Fitting, Options};
 use super::judge::MIN_RELEVANCE;
 use super::search::with_effects;
 use super::{DiagnosisError, check, conclusion, problem};
-use crate::dynamics::{Channel, Plant, in_configuration};
+use crate::dynamics::{Plant, in_configuration};
 use crate::effects::{ActiveEffect, rigid_bodies};
 use crate::evidence::{self, Assessment, Chosen, Finding, Settings};
 use crate::identification::fit::{Estimate, Options as FitOptions, fit_with};
 use crate::identification::{Dataset, NoiseLevel, Residuals};
 use crate::machine::Unit;
 use crate::model::Model;
+use crate::recording::Channel;
 
 /// Largest number of changes named.
 const MAX_CHANGES: usize = 3;

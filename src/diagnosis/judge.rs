@@ -79,6 +79,7 @@ impl<'a> Judge<'a> {
     /// Error budget on the validation data.
     pub fn budget(&self, rms_before: Vec<f64>, effects: Vec<(String, Vec<f64>)>) -> Budget {
         Budget {
+            mechanism: self.fitting.datasets[0].mechanism,
             channels: self.fitting.datasets[0].channels.clone(),
             rms_before,
             noise_floor: self.floor.clone(),

@@ -7,9 +7,9 @@ use super::judge::UNEXPLAINED;
 use super::orders;
 use super::unknown::{self, Shape};
 use crate::comparison::{self, Finding};
-use crate::dynamics::Channel;
 use crate::identification::fit::FitError;
 use crate::machine::Unit;
+use crate::recording::Channel;
 
 /// Residual in units of the noise.
 #[derive(Clone, Debug)]

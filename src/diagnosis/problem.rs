@@ -15,6 +15,7 @@ use crate::identification::prediction::Channels;
 use crate::identification::{Dataset, NoiseLevel, Residuals, averaged_columns};
 use crate::machine::{Mechanism, Unit};
 use crate::model::Model;
+use crate::recording::Channel::Torque;
 use crate::recording::Signals;
 
 /// Time over which the samples of a lone axis are averaged, s: it keeps nine tenths of the amplitude at 125 Hz, as the
@@ -356,16 +357,12 @@ fn delay(datasets: &[Dataset], late: &ActiveEffect, values: &mut [f64]) {
     for dataset in datasets {
         let own = averaged_segments(std::slice::from_ref(dataset), block);
         for segment in own.iter().map(|s| first + s.start..first + s.end) {
-            let torque = |axis: usize, k: usize| if axis < drives { values[axis * samples + k] } else { 0.0 };
-            let mut signals = Signals {
-                t: (0..segment.len()).map(|k| k as f64 * block as f64 * dataset.dt).collect(),
-                tau: segment.clone().map(|k| std::array::from_fn(|axis| torque(axis, k))).collect(),
-                ..Signals::default()
-            };
+            let times = (0..segment.len()).map(|k| k as f64 * block as f64 * dataset.dt).collect();
+            let mut signals = Signals::new(late.host.mechanism, times);
+            let own = |axis: usize| axis * samples + segment.start..axis * samples + segment.end;
+            (0..drives).for_each(|axis| signals.set(Torque(axis), values[own(axis)].to_vec()));
             late.observe(&mut signals);
-            for (k, tau) in segment.zip(&signals.tau) {
-                tau.iter().take(drives).enumerate().for_each(|(axis, x)| values[axis * samples + k] = *x);
-            }
+            (0..drives).for_each(|axis| values[own(axis)].copy_from_slice(&signals[Torque(axis)]));
         }
         first += own.last().map_or(0, |s| s.end);
     }

@@ -7,96 +7,9 @@
 use nalgebra::{Matrix6, Vector3, Vector6};
 
 use crate::kinematics::{KinematicsError, Motion};
-use crate::machine::bodies::{
-    ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
-};
-use crate::machine::{ARMS, AXES, Effort, Geometry, Joint, Mechanism, STRUTS};
-
-/// Measured quantity that the dynamics predict.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Channel {
-    /// Torque of drive 0..4, N·m.
-    Torque(usize),
-    /// Force of a prismatic axis, N.
-    Force(usize),
-    /// Motor current of a single axis of either joint, A.
-    Current(usize, Joint),
-    /// Axial force of strut 0..6 at the elbow, N.
-    StrutUpper(usize),
-    /// Axial force of strut 0..6 at the platform, N.
-    StrutLower(usize),
-}
-
-impl Channel {
-    /// Title in tables and figures.
-    pub fn title(self) -> String {
-        match self {
-            Self::Torque(i) => format!("axis {} torque", i + 1),
-            Self::Force(i) => format!("axis {} force", i + 1),
-            Self::Current(i, _) => format!("axis {} current", i + 1),
-            Self::StrutUpper(i) => format!("strut {} upper force", i + 1),
-            Self::StrutLower(i) => format!("strut {} lower force", i + 1),
-        }
-    }
-
-    /// The four drive torques.
-    pub const TORQUES: [Self; AXES] = [Self::Torque(0), Self::Torque(1), Self::Torque(2), Self::Torque(3)];
-
-    /// Channels measured by the drives of a machine, in order.
-    pub fn of_drives(machine: Mechanism) -> Vec<Self> {
-        let joint = machine.joint();
-        let channel = |i| match (machine.effort(), joint) {
-            (Effort::Current, _) => Self::Current(i, joint),
-            (Effort::Force, Joint::Prismatic) => Self::Force(i),
-            (Effort::Force, Joint::Revolute) => Self::Torque(i),
-        };
-        (0..machine.axes()).map(channel).collect()
-    }
-
-    /// Index of its drive, from 0; `None` for a strut force.
-    pub fn drive(self) -> Option<usize> {
-        match self {
-            Self::Torque(i) | Self::Force(i) | Self::Current(i, _) => Some(i),
-            Self::StrutUpper(_) | Self::StrutLower(_) => None,
-        }
-    }
-
-    /// Index of its drive, or of the strut's limb, from 0.
-    pub fn limb(self) -> usize {
-        match self {
-            Self::Torque(i) | Self::Force(i) | Self::Current(i, _) => i,
-            Self::StrutUpper(s) | Self::StrutLower(s) => s / 2,
-        }
-    }
-
-    /// Unit of the channel.
-    pub fn unit(self) -> &'static str {
-        match self {
-            Self::Torque(_) => "N·m",
-            Self::Current(..) => "A",
-            Self::Force(_) | Self::StrutUpper(_) | Self::StrutLower(_) => "N",
-        }
-    }
-
-    /// Unit of the joint coordinate: rad, or m for a prismatic axis.
-    pub fn joint_unit(self) -> &'static str {
-        if matches!(self, Self::Force(_) | Self::Current(_, Joint::Prismatic)) { "m" } else { "rad" }
-    }
-
-    fn sign(self) -> f64 {
-        if self.drive().is_some() { -1.0 } else { 1.0 }
-    }
-}
-
-impl std::fmt::Display for Channel {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Torque(i) | Self::Force(i) | Self::Current(i, _) => write!(f, "tau{}", i + 1),
-            Self::StrutUpper(i) => write!(f, "{}_upper", body_name(STRUT + i)),
-            Self::StrutLower(i) => write!(f, "{}_lower", body_name(STRUT + i)),
-        }
-    }
-}
+use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{ARMS, Geometry, STRUTS};
+use crate::recording::Channel;
 
 /// Twist (velocity of the frame origin, angular velocity) or wrench (force, moment about the origin) of a body,
 /// inertial axes.
@@ -113,7 +26,8 @@ pub struct ChannelMap {
 }
 
 impl ChannelMap {
-    /// Projection onto `channels` at a pose. A disassembled robot (`assembled` false) has torque channels only.
+    /// Projection onto `channels`, drive torques and strut forces, at a pose. A disassembled robot (`assembled` false)
+    /// has drive torques only.
     ///
     /// # Errors
     /// [`KinematicsError::Singular`] if the Jacobian or, with strut forces among the channels, the matrix of the strut
@@ -140,15 +54,16 @@ impl ChannelMap {
             let mut rotor = 0.0;
             let mut platform = STILL;
             match channel {
-                Channel::Torque(axis) | Channel::Force(axis) | Channel::Current(axis, _) if axis < ARMS => {
+                Channel::Torque(axis) if axis < ARMS => {
                     arms[axis] = 1.0;
                     platform.0 = jacobian.column(axis).into_owned();
                 }
-                Channel::Torque(_) | Channel::Force(_) | Channel::Current(..) => rotor = 1.0,
+                Channel::Torque(_) => rotor = 1.0,
                 Channel::StrutUpper(s) | Channel::StrutLower(s) => {
                     let column = gaps.as_ref().map_or(Vector6::zeros(), |g| g.column(s).into_owned());
                     platform = (column.fixed_rows::<3>(0).into_owned(), column.fixed_rows::<3>(3).into_owned());
                 }
+                _ => {}
             }
             let mut xi = if assembled {
                 spread(motion, &arms, rotor, &platform)
@@ -171,7 +86,8 @@ impl ChannelMap {
     /// If there is no channel `c` or no `body`.
     pub fn project(&self, c: usize, body: usize, force: &Vector3<f64>, moment: &Vector3<f64>) -> f64 {
         let (v, omega) = &self.twists[c][body];
-        self.channels[c].sign() * (force.dot(v) + moment.dot(omega))
+        let sign = if self.channels[c].drive().is_some() { -1.0 } else { 1.0 };
+        sign * (force.dot(v) + moment.dot(omega))
     }
 }
 

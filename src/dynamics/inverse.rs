@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, Vector3};
 
-use super::channels::{Channel, ChannelMap, Twist};
+use super::channels::{ChannelMap, Twist};
 use super::reduction::Reduction;
 use super::{Plant, STILL, inertial_wrench};
 use crate::effects::{ActiveEffect, Instant, Wrenches};
@@ -11,6 +11,7 @@ use crate::kinematics::{KinematicsError, Motion, Reactions, SocketSet};
 use crate::machine::STRUTS;
 use crate::machine::bodies::{BODIES, STRUT};
 use crate::numerics::worst;
+use crate::recording::Channel;
 
 /// Drive torques and strut forces at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -19,6 +20,18 @@ pub struct Output {
     pub tau: [f64; 4],
     /// Axial strut forces, N; zero if they were not requested.
     pub reactions: Reactions,
+}
+
+impl Output {
+    /// The value of a drive torque or strut force, N·m or N; zero of other channels.
+    pub fn of(&self, channel: Channel) -> f64 {
+        match channel {
+            Channel::Torque(axis) => self.tau[axis],
+            Channel::StrutUpper(s) => self.reactions.upper[s],
+            Channel::StrutLower(s) => self.reactions.lower[s],
+            _ => 0.0,
+        }
+    }
 }
 
 /// Loads of drives and struts in equilibrium with the wrenches on all bodies.

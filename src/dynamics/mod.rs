@@ -12,7 +12,7 @@ mod plant;
 mod reduction;
 
 pub(crate) use channels::STILL;
-pub use channels::{Channel, ChannelMap, Twist};
+pub use channels::{ChannelMap, Twist};
 pub(crate) use inverse::add_regressor;
 pub(crate) use inverse::{Borne, add_effects, borne, reads_loads, rigid_wrenches};
 pub use inverse::{

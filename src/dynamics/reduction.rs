@@ -121,10 +121,11 @@ impl<'a> Reduction<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dynamics::channels::{Channel, ChannelMap};
+    use crate::dynamics::channels::ChannelMap;
     use crate::dynamics::{Plant, STILL};
     use crate::kinematics::JointState;
     use crate::model::testing::irb360;
+    use crate::recording::Channel;
 
     /// Virtual work of random wrenches in the virtual motions of the channels.
     #[test]

@@ -46,9 +46,9 @@ impl Sensor for SignalDelay {
             return;
         }
         let shift = values.one(0) / step;
-        let source = signals.tau.clone();
-        for (k, tau) in signals.tau.iter_mut().enumerate() {
-            *tau = interpolate(&source, k as f64 - shift);
+        for tau in signals.torques_mut() {
+            let source = std::mem::take(tau);
+            tau.extend((0..source.len()).map(|k| interpolate(&source, k as f64 - shift)));
         }
     }
 
@@ -58,7 +58,7 @@ impl Sensor for SignalDelay {
 }
 
 /// Four-point Lagrange interpolation at sample position `x`, constant beyond the ends.
-fn interpolate<const N: usize>(samples: &[[f64; N]], x: f64) -> [f64; N] {
+fn interpolate(samples: &[f64], x: f64) -> f64 {
     let last = samples.len() - 1;
     let x = x.clamp(0.0, last as f64);
     if last < 3 {
@@ -68,7 +68,7 @@ fn interpolate<const N: usize>(samples: &[[f64; N]], x: f64) -> [f64; N] {
     let s = x - first as f64;
     let weights: [f64; 4] =
         std::array::from_fn(|i| (0..4).filter(|&j| j != i).map(|j| (s - j as f64) / (i as f64 - j as f64)).product());
-    std::array::from_fn(|a| (0..4).map(|i| weights[i] * samples[first + i][a]).sum())
+    (0..4).map(|i| weights[i] * samples[first + i]).sum()
 }
 
 #[cfg(test)]
@@ -77,15 +77,18 @@ mod tests {
 
     use super::*;
     use crate::effects::ActiveEffect;
+    use crate::machine::Mechanism;
+    use crate::recording::Channel;
 
     #[test]
     fn cubic_signals_are_shifted_exactly() {
         let cubic = |t: f64| 2.0 * t.powi(3) - t + 1.0;
         let t: Vec<f64> = (0..20).map(|k| k as f64 * 0.01).collect();
-        let tau = t.iter().map(|&t| [cubic(t); 4]).collect();
-        let mut s = Signals { t, tau, ..Signals::default() };
+        let tau = t.iter().map(|&t| cubic(t)).collect();
+        let mut s = Signals::new(Mechanism::default(), t);
+        s.set(Channel::Torque(2), tau);
         let active = ActiveEffect::new(Arc::new(SignalDelay), &[&[0.0137]]);
         SignalDelay.observe(&active.values(), &mut s);
-        approx::assert_relative_eq!(s.tau[10][2], cubic(0.1 - 0.0137), epsilon = 1e-12);
+        approx::assert_relative_eq!(s[Channel::Torque(2)][10], cubic(0.1 - 0.0137), epsilon = 1e-12);
     }
 }

@@ -34,10 +34,8 @@ impl Effect for TorqueBias {
 
 impl Sensor for TorqueBias {
     fn observe(&self, values: &Values, signals: &mut Signals) {
-        for tau in &mut signals.tau {
-            for (x, bias) in tau.iter_mut().zip(values.block(0)) {
-                *x += bias;
-            }
+        for (tau, bias) in signals.torques_mut().zip(values.block(0)) {
+            tau.iter_mut().for_each(|x| *x += bias);
         }
     }
 }
@@ -48,12 +46,15 @@ mod tests {
 
     use super::*;
     use crate::effects::ActiveEffect;
+    use crate::machine::Mechanism;
+    use crate::recording::Channel;
 
     #[test]
     fn half_a_newton_metre_too_much() {
         let active = ActiveEffect::new(Arc::new(TorqueBias), &[&[0.5, 0.0, 0.0, -0.1]]);
-        let mut s = Signals { tau: vec![[20.0, -20.0, 20.0, 2.0]], ..Signals::default() };
+        let mut s = Signals::new(Mechanism::default(), vec![0.0]);
+        s.set_rows(Channel::Torque, &[[20.0, -20.0, 20.0, 2.0]]);
         TorqueBias.observe(&active.values(), &mut s);
-        approx::assert_relative_eq!(s.tau[0].as_slice(), [20.5, -20.0, 20.0, 1.9].as_slice());
+        approx::assert_relative_eq!(s.tau().at(0).as_slice(), [20.5, -20.0, 20.0, 1.9].as_slice());
     }
 }

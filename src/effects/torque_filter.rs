@@ -47,14 +47,16 @@ impl Effect for TorqueFilter {
 impl Sensor for TorqueFilter {
     fn observe(&self, values: &Values, signals: &mut Signals) {
         let time_constant = values.one(0);
-        let (Some(first), true) = (signals.tau.first(), time_constant > 0.0) else { return };
-        let (mut input, mut output) = (*first, *first);
-        for (t, tau) in signals.t.windows(2).zip(signals.tau.iter_mut().skip(1)) {
-            let step = LowPassStep::new(t[1] - t[0], time_constant);
-            for (axis, y) in output.iter_mut().enumerate() {
-                *y = step.output(*y, [input[axis], tau[axis]]);
+        if time_constant <= 0.0 {
+            return;
+        }
+        let steps: Vec<_> = signals.t.windows(2).map(|t| LowPassStep::new(t[1] - t[0], time_constant)).collect();
+        for tau in signals.torques_mut().filter(|tau| !tau.is_empty()) {
+            let (mut input, mut output) = (tau[0], tau[0]);
+            for (step, tau) in steps.iter().zip(tau.iter_mut().skip(1)) {
+                output = step.output(output, [input, *tau]);
+                input = std::mem::replace(tau, output);
             }
-            input = std::mem::replace(tau, output);
         }
     }
 
@@ -91,10 +93,13 @@ mod tests {
 
     use super::*;
     use crate::effects::ActiveEffect;
+    use crate::machine::Mechanism;
+    use crate::recording::Channel;
 
     fn filtered(t: Vec<f64>, tau: impl Fn(f64) -> f64, time_constant: f64) -> Signals {
-        let values = t.iter().map(|&t| [tau(t); 4]).collect();
-        let mut s = Signals { t, tau: values, ..Signals::default() };
+        let values: Vec<_> = t.iter().map(|&t| [tau(t); 4]).collect();
+        let mut s = Signals::new(Mechanism::default(), t);
+        s.set_rows(Channel::Torque, &values);
         let active = ActiveEffect::new(Arc::new(TorqueFilter), &[&[time_constant]]);
         TorqueFilter.observe(&active.values(), &mut s);
         s
@@ -106,7 +111,7 @@ mod tests {
         let t = vec![0.0, 0.001, 0.0035, 0.004, 0.009, 0.03, 0.1];
         for time_constant in [1e-4, 0.002, 0.02] {
             let s = filtered(t.clone(), |t| 5.0 + 30.0 * t, time_constant);
-            for (t, tau) in s.t.iter().zip(&s.tau) {
+            for (t, tau) in s.t.iter().zip(s.tau().iter()) {
                 let late = 30.0 * time_constant * -(-t / time_constant).exp_m1();
                 approx::assert_relative_eq!(tau[3], 5.0 + 30.0 * t - late, epsilon = 1e-13);
             }
@@ -117,7 +122,7 @@ mod tests {
     fn filters_that_are_much_faster_than_the_samples_change_little() {
         let t: Vec<f64> = (0..50).map(|k| 1e-3 * f64::from(k)).collect();
         let s = filtered(t.clone(), |t| (300.0 * t).sin(), 1e-9);
-        for (t, tau) in t.iter().zip(&s.tau) {
+        for (t, tau) in t.iter().zip(s.tau().iter()) {
             approx::assert_relative_eq!(tau[0], (300.0 * t).sin(), epsilon = 1e-6);
         }
     }

@@ -34,10 +34,8 @@ impl Effect for TorqueGainError {
 
 impl Sensor for TorqueGainError {
     fn observe(&self, values: &Values, signals: &mut Signals) {
-        for tau in &mut signals.tau {
-            for (x, gain) in tau.iter_mut().zip(values.block(0)) {
-                *x *= 1.0 + gain;
-            }
+        for (tau, gain) in signals.torques_mut().zip(values.block(0)) {
+            tau.iter_mut().for_each(|x| *x *= 1.0 + gain);
         }
     }
 }
@@ -48,12 +46,15 @@ mod tests {
 
     use super::*;
     use crate::effects::ActiveEffect;
+    use crate::machine::Mechanism;
+    use crate::recording::Channel;
 
     #[test]
     fn five_percent_of_twenty_newton_metres() {
         let active = ActiveEffect::new(Arc::new(TorqueGainError), &[&[0.05, 0.0, 0.0, -0.5]]);
-        let mut s = Signals { tau: vec![[20.0, 20.0, 20.0, 2.0]], ..Signals::default() };
+        let mut s = Signals::new(Mechanism::default(), vec![0.0]);
+        s.set_rows(Channel::Torque, &[[20.0, 20.0, 20.0, 2.0]]);
         TorqueGainError.observe(&active.values(), &mut s);
-        approx::assert_relative_eq!(s.tau[0].as_slice(), [21.0, 20.0, 20.0, 1.0].as_slice());
+        approx::assert_relative_eq!(s.tau().at(0).as_slice(), [21.0, 20.0, 20.0, 1.0].as_slice());
     }
 }

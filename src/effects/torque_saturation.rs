@@ -41,10 +41,8 @@ impl Sensor for TorqueSaturation {
     }
 
     fn observe(&self, values: &Values, signals: &mut Signals) {
-        for tau in &mut signals.tau {
-            for (x, saturation) in tau.iter_mut().zip(values.block(0)) {
-                *x *= 1.0 + saturation * *x * *x;
-            }
+        for (tau, saturation) in signals.torques_mut().zip(values.block(0)) {
+            tau.iter_mut().for_each(|x| *x *= 1.0 + saturation * *x * *x);
         }
     }
 }
@@ -55,13 +53,16 @@ mod tests {
 
     use super::*;
     use crate::effects::ActiveEffect;
+    use crate::machine::Mechanism;
+    use crate::recording::Channel;
 
     #[test]
     fn ten_percent_at_a_hundred_newton_metres() {
         // κ = 1e-5: 1 + 1e-5·100² = 1.1, 1 + 1e-5·20² = 1.004.
         let active = ActiveEffect::new(Arc::new(TorqueSaturation), &[&[1e-5, 1e-5, 0.0]]);
-        let mut s = Signals { tau: vec![[100.0, -20.0, 100.0, 5.0]], ..Signals::default() };
+        let mut s = Signals::new(Mechanism::default(), vec![0.0]);
+        s.set_rows(Channel::Torque, &[[100.0, -20.0, 100.0, 5.0]]);
         TorqueSaturation.observe(&active.values(), &mut s);
-        approx::assert_relative_eq!(s.tau[0].as_slice(), [110.0, -20.08, 100.0, 5.0].as_slice(), epsilon = 1e-12);
+        approx::assert_relative_eq!(s.tau().at(0).as_slice(), [110.0, -20.08, 100.0, 5.0].as_slice(), epsilon = 1e-12);
     }
 }

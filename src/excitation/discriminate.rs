@@ -14,12 +14,12 @@ use super::prospect::{Information, Noise, Prospect, prospect, ranked, which};
 use super::search::{Found, Search};
 use super::series::Basis;
 use super::{FEWEST_INSTANTS, FINER, Limits, Options, PER_HARMONIC, SHRINK, TRIM, draw, scale, shrunk};
-use crate::dynamics::Channel;
 use crate::effects::{self, ActiveEffect, Role};
 use crate::evidence::separation::what_is_left;
 use crate::kinematics::KinematicsError;
 use crate::machine::Setup;
 use crate::model::Model;
+use crate::recording::Channel;
 use crate::scenario::Course;
 
 /// Reason why no experiment for two effects is planned.

@@ -7,12 +7,12 @@
 use nalgebra::Vector3;
 
 use super::prospect::Noise;
-use crate::dynamics::{Channel, Plant};
-use crate::identification::filtering::MIN_HALF_WIDTH;
+use crate::dynamics::Plant;
 use crate::identification::{Dataset, predict};
 use crate::kinematics::JointState;
 use crate::machine::{ARMS, AXES, Configuration, Part, Payload, Setup};
 use crate::model::Model;
+use crate::recording::Channel;
 use crate::scenario::Course;
 use crate::scenario::motion::constant_speed::ConstantSpeed;
 use crate::scenario::motion::fourier::middle;
@@ -375,19 +375,8 @@ impl Bench<'_> {
             }
         };
         let each = if whole <= SAMPLES { whole } else { WINDOW };
-        let mut dataset = Dataset {
-            name: "plan".into(),
-            setup: self.setup,
-            t: Vec::new(),
-            joints: Vec::new(),
-            channels: self.channels.clone(),
-            measured: vec![Vec::new(); self.channels.len()],
-            segments: Vec::new(),
-            dt,
-            readings: crate::identification::EncoderReadings::default(),
-            standing: 0.0,
-            half_width: [MIN_HALF_WIDTH; AXES],
-        };
+        let exact = Dataset::exact(self.model.mechanism, self.setup, self.channels.clone(), dt, Vec::new());
+        let mut dataset = Dataset { segments: Vec::new(), ..exact };
         for start in starts {
             let first = dataset.len();
             for k in 0..each {

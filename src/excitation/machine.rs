@@ -6,14 +6,14 @@ use rayon::prelude::*;
 
 use super::limits::{LIMITS, Limits};
 use super::series::{Basis, INPUTS, moved};
-use crate::dynamics::{Channel, Plant, PlantParameter, Sample as MotionSample, regressor, steady_socket_loads};
+use crate::dynamics::{Plant, PlantParameter, Sample as MotionSample, regressor, steady_socket_loads};
 use crate::effects::{ActiveEffect, Entry, Role};
-use crate::identification::filtering::MIN_HALF_WIDTH;
 use crate::identification::fit::nominal_size;
 use crate::identification::{Dataset, columns};
 use crate::kinematics::{JointState, KinematicsError, PlatformState};
 use crate::machine::{AXES, Setup};
 use crate::model::Model;
+use crate::recording::Channel;
 
 /// Steps of the finite differences by position (m, rad), velocity and acceleration.
 ///
@@ -183,19 +183,8 @@ impl Machine {
         if self.candidates.is_empty() {
             return Ok(Vec::new());
         }
-        let instant = Dataset {
-            name: String::new(),
-            setup: Setup::default(),
-            t: vec![0.0],
-            joints: vec![*joints],
-            channels: Channel::TORQUES.to_vec(),
-            measured: vec![vec![0.0]; AXES],
-            segments: std::iter::once(0..1).collect(),
-            dt: 1.0,
-            readings: crate::identification::EncoderReadings::default(),
-            standing: 0.0,
-            half_width: [MIN_HALF_WIDTH; AXES],
-        };
+        let instant =
+            Dataset::exact(self.plant.mechanism, Setup::default(), Channel::TORQUES.to_vec(), 1.0, vec![*joints]);
         let mut out = Vec::new();
         for candidate in &self.candidates {
             let all = columns(&self.plant, &instant, Some(&candidate.active))?;

@@ -8,7 +8,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::experiments::Experiment;
-use crate::dynamics::{Channel, Plant};
+use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, Role};
 use crate::evidence::separation;
 use crate::evidence::whiten::ArFilter;
@@ -17,6 +17,7 @@ use crate::identification::{Dataset, averaged_columns, columns};
 use crate::kinematics::KinematicsError;
 use crate::model::Model;
 use crate::numerics::{bisect, halvings};
+use crate::recording::Channel;
 
 /// Power that counts as certain.
 pub const SURE: f64 = 0.95;

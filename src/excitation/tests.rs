@@ -1,8 +1,9 @@
 use super::*;
-use crate::dynamics::{Channel, inverse_dynamics};
+use crate::dynamics::inverse_dynamics;
 use crate::machine::{AXES, Setup};
 use crate::model::testing::irb360;
 use crate::numerics::median;
+use crate::recording::Channel;
 use crate::scenario::Course;
 
 fn model() -> Model {

@@ -12,7 +12,7 @@ use crate::identification::residuals::rms;
 use crate::machine::{Joint, Mechanism};
 use crate::model::Model;
 use crate::numerics::deviation;
-use crate::recording::Recording;
+use crate::recording::{Channel, Recording};
 use crate::text::significant;
 
 /// Largest number of instants of a regression.
@@ -143,7 +143,7 @@ impl Alone<'_> {
         let explained = 1.0 - fit.mean_square / deviation(&torque).powi(2).max(f64::MIN_POSITIVE);
         let noise = difference_sigma(&self.dataset.measured[axis], &self.dataset.segments, 4).unwrap_or(0.0);
         let k = axis + 1;
-        let unit = self.dataset.channels[axis].unit();
+        let unit = Channel::Torque(axis).unit(self.dataset.mechanism);
         (explained < FOLLOWS).then(|| {
             let seen = format!(
                 "of its variation ({} {unit} RMS) the motion explains {:.0} %",
@@ -260,9 +260,9 @@ impl Alone<'_> {
         let torque = &self.dataset.measured[axis];
         let noise = difference_sigma(torque, &self.dataset.segments, 6)?;
         let size = rms(torque);
-        let angles: Vec<f64> = self.recording.signals.q.iter().map(|q| q[axis]).collect();
-        let travel = range(&angles);
-        if noise_level(&[angles]) < NOISELESS_ANGLE * travel {
+        let angles = &self.recording.signals[Channel::Angle(axis)];
+        let travel = range(angles);
+        if noise_level(&[angles.to_vec()]) < NOISELESS_ANGLE * travel {
             return None;
         }
         (noise < NOISELESS * size && quantum(&[torque]).is_none()).then(|| {
@@ -276,10 +276,10 @@ impl Alone<'_> {
     }
 
     fn coarse_angle(&self, axis: usize) -> Option<Finding> {
-        let q: Vec<f64> = self.recording.signals.q.iter().map(|q| q[axis]).collect();
-        let travel = range(&q);
-        let step = quantum(&[&q]).filter(|step| travel / step < STEPS.0)?;
-        let unit = self.dataset.channels[axis].joint_unit();
+        let q = &self.recording.signals[Channel::Angle(axis)];
+        let travel = range(q);
+        let step = quantum(&[q]).filter(|step| travel / step < STEPS.0)?;
+        let unit = Channel::Angle(axis).unit(self.dataset.mechanism);
         let sentence = format!(
             "the angle of axis {} has steps of {} {unit}, {:.0} over its travel: accelerations are coarse",
             axis + 1,
@@ -291,13 +291,13 @@ impl Alone<'_> {
     }
 
     fn coarse_torque(&self, axis: usize) -> Option<Finding> {
-        let tau: Vec<f64> = self.recording.signals.tau.iter().map(|tau| tau[axis]).collect();
-        let step = quantum(&[&tau]).filter(|step| range(&tau) / step < STEPS.1)?;
+        let tau = &self.recording.signals[Channel::Torque(axis)];
+        let step = quantum(&[tau]).filter(|step| range(tau) / step < STEPS.1)?;
         let sentence = format!(
             "the torque of axis {} has steps of {} {}, {:.0} over its range: effects below a few steps do not show",
             axis + 1,
             significant(step, 3),
-            self.dataset.channels[axis].unit(),
+            Channel::Torque(axis).unit(self.dataset.mechanism),
             range(&tau) / step
         );
         Some(self.finding(axis, Problem::Quantised, sentence, Remedy::Words("more digits in the recording")))
@@ -347,8 +347,9 @@ impl Alone<'_> {
         if !matches!(signals.mechanism, Mechanism::Axis(_)) || signals.mechanism.joint() != Joint::Revolute {
             return None;
         }
-        let (low, high) =
-            signals.q.iter().map(|q| q[0]).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
+        let (low, high) = signals[Channel::Angle(0)]
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
         let round = |x: f64| (x / 15.0 - (x / 15.0).round()).abs() < DEGREES.1;
         let large = low.abs().max(high.abs());
         ((DEGREES.0..=400.0).contains(&large) && round(low) && round(high) && high - low > 10.0).then(|| {
@@ -408,8 +409,7 @@ fn range(x: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dynamics::Channel;
-    use crate::machine::Mechanism;
+    use crate::recording::Channel;
     use crate::recording::Signals;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
@@ -417,7 +417,7 @@ mod tests {
 
     /// A lone axis along two sines at 1 kHz with the torque that `of` gives for q, q̇, q̈, a time and a normal number.
     fn recording(of: impl Fn([f64; 3], f64, f64) -> f64) -> Recording {
-        let mut signals = Signals { mechanism: Mechanism::axis(Joint::Revolute), ..Signals::default() };
+        let mut samples = Vec::new();
         let mut rng = ChaCha8Rng::seed_from_u64(7);
         for k in 0..8000 {
             let t = f64::from(k) * 1e-3;
@@ -428,10 +428,9 @@ mod tests {
                 sum(&|a, w| -a * w * w * (w * t).sin()),
             ];
             let noise: f64 = StandardNormal.sample(&mut rng);
-            signals.t.push(t);
-            signals.q.push([(state[0] * 2e5).round() / 2e5, 0.0, 0.0, 0.0]);
-            signals.tau.push([of(state, t, noise), 0.0, 0.0, 0.0]);
+            samples.push([t, (state[0] * 2e5).round() / 2e5, of(state, t, noise)]);
         }
+        let signals = Signals::of_axis(Joint::Revolute, &samples);
         Recording { name: "bench".into(), signals, ..Recording::default() }
     }
 

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
-use crate::dynamics::{Channel, Output, Plant, inverse_dynamics};
+use crate::dynamics::{Output, Plant, inverse_dynamics};
 use crate::effects::Kind;
 use crate::identification::Dataset;
 use crate::identification::dataset::stride_for;
@@ -12,6 +12,7 @@ use crate::kinematics::{JointState, KinematicsError};
 use crate::machine::Inertia;
 use crate::machine::bodies::END_EFFECTOR;
 use crate::model::Model;
+use crate::recording::Channel;
 
 /// Largest lag considered, s.
 pub const LONGEST_LAG: f64 = 0.025;
@@ -98,7 +99,7 @@ impl Predicted {
             .map(|j| {
                 let motion = plant.motion(j).ok()?;
                 match inverse_dynamics(plant, t, &motion, &states, struts) {
-                    Ok(out) if channels.iter().all(|c| value(*c, &out).is_finite()) => Some(out),
+                    Ok(out) if channels.iter().all(|c| out.of(*c).is_finite()) => Some(out),
                     Ok(_) | Err(KinematicsError::Law(_)) => {
                         lawless.store(true, Ordering::Relaxed);
                         None
@@ -107,7 +108,7 @@ impl Predicted {
                 }
             })
             .collect();
-        let series = |c: &Channel| outputs.iter().flatten().map(|o| value(*c, o)).collect();
+        let series = |c: &Channel| outputs.iter().flatten().map(|o| o.of(*c)).collect();
         Self {
             series: channels.iter().map(series).collect(),
             possible: outputs.iter().map(Option::is_some).collect(),
@@ -123,13 +124,5 @@ impl Predicted {
     /// The values at the reachable instants.
     pub fn of(&self, values: Vec<f64>) -> Vec<f64> {
         values.into_iter().zip(&self.possible).filter(|(_, p)| **p).map(|(v, _)| v).collect()
-    }
-}
-
-fn value(channel: Channel, output: &Output) -> f64 {
-    match channel {
-        Channel::Torque(i) | Channel::Force(i) | Channel::Current(i, _) => output.tau[i],
-        Channel::StrutUpper(s) => output.reactions.upper[s],
-        Channel::StrutLower(s) => output.reactions.lower[s],
     }
 }

@@ -144,19 +144,7 @@ mod tests {
     fn a_ramp_comes_late_by_the_time_constant() {
         let (step, t) = (2e-3, 8e-3);
         let ramp: Vec<f64> = (0..50).map(|k| f64::from(k) * step).collect();
-        let dataset = Dataset {
-            name: "ramp".into(),
-            setup: Default::default(),
-            t: Vec::new(),
-            joints: Vec::new(),
-            measured: Vec::new(),
-            channels: Vec::new(),
-            segments: Vec::new(),
-            dt: step,
-            readings: Default::default(),
-            standing: 0.0,
-            half_width: [1; 4],
-        };
+        let dataset = Dataset::exact(Default::default(), Default::default(), Vec::new(), step, Vec::new());
         let series = Series {
             dataset: &dataset,
             at: vec![(0..50).collect()],

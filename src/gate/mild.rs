@@ -186,7 +186,7 @@ impl<'a> Context<'a> {
         if !clear || after.powi(2) > (1.0 - OFFSET.1) * before.powi(2) {
             return None;
         }
-        let channel = self.instants.dataset.channels[axis];
+        let unit = self.instants.dataset.channels[axis].unit(self.instants.dataset.mechanism);
         let (k, value) = (axis + 1, rounded(constant, 3));
         Some(Finding {
             recording: self.instants.dataset.name.clone(),
@@ -199,7 +199,7 @@ impl<'a> Context<'a> {
                 rms_after: Some(after),
                 ..Evidence::default()
             },
-            sentence: format!("axis {k} reads a constant {value:+} {} too much", channel.unit()),
+            sentence: format!("axis {k} reads a constant {value:+} {} too much", unit),
             remedy: Remedy::Map(vec![format!("tau{k}=tau{k}{:+}", -value)]),
         })
     }

@@ -173,7 +173,7 @@ mod tests {
     /// `ringing` rad at 30 Hz, too, of which the torque has nothing.
     fn pendulum(ringing: f64) -> Dataset {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let mut signals = Signals { mechanism: Mechanism::axis(Joint::Revolute), ..Signals::default() };
+        let mut samples = Vec::new();
         for k in 0..5000 {
             let t = f64::from(k) * 2e-3;
             let sum = |of: &dyn Fn(f64, f64) -> f64| of(0.8, 4.1) + of(0.3, 9.3);
@@ -181,10 +181,9 @@ mod tests {
             let qdd = sum(&|a, w| -a * w * w * (w * t).sin());
             let noise: f64 = StandardNormal.sample(&mut rng);
             let tau = 0.05 * qdd + 0.2 * (20.0 * qd).tanh() + 0.05 * qd + q.sin() + 0.02 * noise;
-            signals.t.push(t);
-            signals.q.push([q + ringing * (188.5 * t + (7.0 * t).sin()).sin(), 0.0, 0.0, 0.0]);
-            signals.tau.push([tau, 0.0, 0.0, 0.0]);
+            samples.push([t, q + ringing * (188.5 * t + (7.0 * t).sin()).sin(), tau]);
         }
+        let signals = Signals::of_axis(Joint::Revolute, &samples);
         Dataset::new(&Recording { name: "pendulum".into(), signals, ..Recording::default() })
     }
 

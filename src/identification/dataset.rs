@@ -5,12 +5,12 @@ use std::sync::OnceLock;
 
 use super::derivatives::{Angles, Method};
 use super::filtering::MIN_HALF_WIDTH;
-use crate::dynamics::Channel;
 use crate::evidence::noise::difference_sigma;
 use crate::kinematics::JointState;
 use crate::machine::{AXES, Configuration, Mechanism, Part, STRUTS, Setup};
 use crate::model::Model;
-use crate::recording::{Recording, Signals};
+use crate::recording::Channel;
+use crate::recording::{Recording, Rows, Signals};
 
 /// Half width of the differentiation, s, up to which reversals are resolved.
 const RESOLVED: f64 = 0.03;
@@ -30,6 +30,8 @@ const MOVING: f64 = 0.2;
 pub struct Dataset {
     /// Name of the recording.
     pub name: String,
+    /// Kind of machine.
+    pub mechanism: Mechanism,
     /// Setup of the run.
     pub setup: Setup,
     /// Time of each sample, s.
@@ -56,19 +58,42 @@ pub struct Dataset {
 /// Encoder angles, and the motion including the ringing of elastic gears once it was requested.
 #[derive(Clone, Debug, Default)]
 pub struct EncoderReadings {
-    angles: Vec<[f64; AXES]>,
+    angles: [Vec<f64>; AXES],
     ringing: OnceLock<Vec<JointState>>,
 }
 
 impl EncoderReadings {
+    fn rows(&self) -> Rows<'_, AXES> {
+        Rows(self.angles.each_ref().map(Vec::as_slice))
+    }
+
     fn window(&self, range: &Range<usize>) -> Self {
-        let angles = self.angles.get(range.clone()).map_or_else(Vec::new, <[_]>::to_vec);
+        let angles = self.angles.each_ref().map(|own| own.get(range.clone()).unwrap_or_default().to_vec());
         let known = self.ringing.get().map(|all| all[range.clone()].to_vec());
         Self { angles, ringing: known.map_or_else(OnceLock::new, OnceLock::from) }
     }
 }
 
 impl Dataset {
+    /// A motion that is known exactly at t = 0, `dt`, 2·`dt`, …, s, with nothing measured yet on `channels`.
+    pub fn exact(mechanism: Mechanism, setup: Setup, channels: Vec<Channel>, dt: f64, joints: Vec<JointState>) -> Self {
+        let n = joints.len();
+        Self {
+            name: "motion".into(),
+            mechanism,
+            setup,
+            t: (0..n).map(|k| k as f64 * dt).collect(),
+            joints,
+            readings: EncoderReadings::default(),
+            measured: vec![vec![0.0; n]; channels.len()],
+            channels,
+            segments: std::iter::once(0..n).collect(),
+            dt,
+            standing: 0.0,
+            half_width: [MIN_HALF_WIDTH; AXES],
+        }
+    }
+
     /// Differentiates the joint angles of a recording by the default method; a few samples at the ends of each
     /// segment are lost.
     pub fn new(recording: &Recording) -> Self {
@@ -79,20 +104,13 @@ impl Dataset {
     pub fn with(recording: &Recording, method: Method) -> Self {
         let signals = &recording.signals;
         let (dt, stretches) = (signals.sample_time(), signals.stretches());
-        let angles = Angles::new(&signals.q, &stretches, dt);
+        let angles = Angles::new(signals.q(), &stretches, dt);
         let channels = measured_channels(signals, recording.setup.configuration);
         let mut dataset = Self {
             name: recording.name.clone(),
-            setup: recording.setup,
-            t: Vec::new(),
-            joints: Vec::new(),
-            readings: EncoderReadings::default(),
-            measured: vec![Vec::new(); channels.len()],
-            channels,
             segments: Vec::new(),
-            dt,
-            standing: 0.0,
             half_width: angles.half_widths(),
+            ..Self::exact(signals.mechanism, recording.setup, channels, dt, Vec::new())
         };
         let pieces = angles.differentiate(method);
         let total: usize = pieces.iter().map(|(kept, _)| kept.len()).sum();
@@ -112,9 +130,11 @@ impl Dataset {
             for range in moving {
                 let first = dataset.t.len();
                 dataset.t.extend(&signals.t[range.clone()]);
-                dataset.readings.angles.extend(&signals.q[range.clone()]);
+                for (i, own) in dataset.readings.angles.iter_mut().enumerate() {
+                    own.extend(signals[Channel::Angle(i)].get(range.clone()).unwrap_or_default());
+                }
                 for (series, &channel) in dataset.measured.iter_mut().zip(&dataset.channels) {
-                    series.extend(range.clone().map(|k| measured_value(signals, channel, k)));
+                    series.extend(&signals[channel][range.clone()]);
                 }
                 dataset.segments.push(first..dataset.t.len());
             }
@@ -125,20 +145,18 @@ impl Dataset {
 
     /// Joint motion including the ringing of elastic gears after reversals; [`Self::joints`] for an exact motion.
     pub fn ringing(&self) -> &[JointState] {
-        let EncoderReadings { angles, ringing } = &self.readings;
+        let angles = self.readings.rows();
         if angles.is_empty() {
             return &self.joints;
         }
-        ringing.get_or_init(|| Angles::new(angles, &self.segments, self.dt).ringing())
+        self.readings.ringing.get_or_init(|| Angles::new(angles, &self.segments, self.dt).ringing())
     }
 
     /// Step of an encoder whose rounding would be as large as the noise of an axis' angles, rad (m for a linear axis); zero
     /// for an exact motion.
     pub fn resolution(&self, axis: usize) -> f64 {
-        match &self.readings.angles[..] {
-            [] => 0.0,
-            angles => Angles::new(angles, &self.segments, self.dt).resolution(axis),
-        }
+        let angles = self.readings.rows();
+        if angles.is_empty() { 0.0 } else { Angles::new(angles, &self.segments, self.dt).resolution(axis) }
     }
 
     /// Number of samples.
@@ -155,16 +173,10 @@ impl Dataset {
     pub fn empty(&self) -> Self {
         Self {
             name: self.name.clone(),
-            setup: self.setup,
-            t: Vec::new(),
-            joints: Vec::new(),
-            readings: EncoderReadings::default(),
-            channels: self.channels.clone(),
-            measured: vec![Vec::new(); self.channels.len()],
             segments: Vec::new(),
-            dt: self.dt,
             standing: self.standing,
             half_width: self.half_width,
+            ..Self::exact(self.mechanism, self.setup, self.channels.clone(), self.dt, Vec::new())
         }
     }
 
@@ -245,7 +257,7 @@ impl Dataset {
     /// Adds `offset`, rad or m, to the positions of an axis.
     pub fn shift(&mut self, axis: usize, offset: f64) {
         self.joints.iter_mut().for_each(|j| j.q[axis] += offset);
-        self.readings.angles.iter_mut().for_each(|q| q[axis] += offset);
+        self.readings.angles[axis].iter_mut().for_each(|q| *q += offset);
         self.readings.ringing = OnceLock::new();
     }
 
@@ -313,9 +325,9 @@ fn moving<'a>(
     resolution: f64,
 ) -> Vec<Vec<Range<usize>>> {
     let all: Vec<Vec<Range<usize>>> = pieces.clone().map(|p| vec![p.clone()]).collect();
-    let angle = |k: usize| signals.q[k][0];
-    let (low, high) =
-        (0..signals.q.len()).map(angle).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
+    let angles = &signals[Channel::Angle(0)];
+    let angle = |k: usize| angles[k];
+    let (low, high) = angles.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
     let still = STILL.0 * resolution.max(STILL.1 * (high - low));
     let window = (STANDING / signals.sample_time()).round().max(2.0) as usize;
     let of = |piece: &Range<usize>| -> Vec<Range<usize>> {
@@ -355,23 +367,12 @@ fn measured_channels(signals: &Signals, configuration: Configuration) -> Vec<Cha
     let mut channels = Channel::of_drives(signals.mechanism);
     if signals.mechanism.has(Part::Linkage, configuration == Configuration::Assembled) {
         for s in 0..STRUTS {
-            if signals.strut_upper[s].is_some() {
-                channels.push(Channel::StrutUpper(s));
-            }
-            if signals.strut_lower[s].is_some() {
-                channels.push(Channel::StrutLower(s));
-            }
+            channels.extend(
+                [Channel::StrutUpper(s), Channel::StrutLower(s)].into_iter().filter(|c| signals.get(*c).is_some()),
+            );
         }
     }
     channels
-}
-
-fn measured_value(signals: &Signals, channel: Channel, k: usize) -> f64 {
-    match channel {
-        Channel::Torque(axis) | Channel::Force(axis) | Channel::Current(axis, _) => signals.tau[k][axis],
-        Channel::StrutUpper(s) => signals.strut_upper[s].as_ref().map_or(0.0, |x| x[k]),
-        Channel::StrutLower(s) => signals.strut_lower[s].as_ref().map_or(0.0, |x| x[k]),
-    }
 }
 
 #[cfg(test)]
@@ -389,12 +390,12 @@ mod tests {
             angles.extend((0..1000).map(|k| from + way * (1.0 - (std::f64::consts::PI * f64::from(k) * 1e-3).cos())));
             angles.extend(vec![from + 2.0 * way; (1e3 * pause) as usize]);
         }
-        let mut signals = Signals { mechanism: Mechanism::axis(Joint::Revolute), ..Signals::default() };
-        for (k, q) in angles.into_iter().enumerate() {
-            signals.t.push(k as f64 * 1e-3);
-            signals.q.push([(q * 1e5).round() / 1e5, 0.0, 0.0, 0.0]);
-            signals.tau.push([0.0; AXES]);
-        }
+        let samples: Vec<[f64; 3]> = angles
+            .into_iter()
+            .enumerate()
+            .map(|(k, q): (_, f64)| [k as f64 * 1e-3, (q * 1e5).round() / 1e5, 0.0])
+            .collect();
+        let signals = Signals::of_axis(Joint::Revolute, &samples);
         Dataset::new(&Recording { signals, ..Recording::default() })
     }
 
@@ -420,15 +421,14 @@ mod tests {
         for (memory, ratio) in [(0.0, 1.0), (0.6, 1.27)] {
             let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(11);
             let mut noise = 0.0;
-            let mut signals = Signals { mechanism: Mechanism::axis(Joint::Revolute), ..Signals::default() };
+            let mut samples = Vec::new();
             for k in 0..100_000 {
                 let drawn: f64 = StandardNormal.sample(&mut rng);
                 noise = memory * noise + 0.1 * (1.0f64 - memory * memory).sqrt() * drawn;
                 let phase = 19.0 * f64::from(k) * 4e-4;
-                signals.t.push(f64::from(k) * 4e-4);
-                signals.q.push([phase.sin(), 0.0, 0.0, 0.0]);
-                signals.tau.push([50.0 * phase.cos() + noise, 0.0, 0.0, 0.0]);
+                samples.push([f64::from(k) * 4e-4, phase.sin(), 50.0 * phase.cos() + noise]);
             }
+            let signals = Signals::of_axis(Joint::Revolute, &samples);
             let dataset = Dataset::new(&Recording { signals, ..Recording::default() });
             let sigma = dataset.noise_of_means(&crate::model::testing::slide(), block)[0];
             let expected = 0.1 * ratio / (block as f64).sqrt();

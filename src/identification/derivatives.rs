@@ -11,6 +11,7 @@ use super::smoother::{Likelihood, smooth, width};
 use crate::kinematics::JointState;
 use crate::machine::AXES;
 use crate::numerics::median;
+use crate::recording::Rows;
 
 /// Method of differentiation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,7 +54,7 @@ struct Jumps {
 
 /// Angles at equally spaced times.
 pub struct Angles<'a> {
-    q: &'a [[f64; AXES]],
+    q: Rows<'a, AXES>,
     stretches: &'a [Range<usize>],
     dt: f64,
     /// Standard deviation of the noise per axis, rad.
@@ -69,7 +70,7 @@ struct Smoothed {
 
 impl<'a> Angles<'a> {
     /// Angles `q` of every sample, rad, in segments without gaps, every `dt` seconds.
-    pub fn new(q: &'a [[f64; AXES]], stretches: &'a [Range<usize>], dt: f64) -> Self {
+    pub fn new(q: Rows<'a, AXES>, stretches: &'a [Range<usize>], dt: f64) -> Self {
         let mut out = Self { q, stretches, dt, sigma: [0.0; AXES] };
         out.sigma =
             std::array::from_fn(|i| noise_level(&stretches.iter().map(|s| out.angles(i, s)).collect::<Vec<_>>()));
@@ -112,7 +113,7 @@ impl<'a> Angles<'a> {
     fn joined(&self, axis: impl Fn(usize) -> Vec<Smoothed> + Sync) -> Vec<Segment> {
         let mut segments: Vec<Segment> =
             self.stretches.iter().map(|s| (vec![JointState::default(); s.len()], 0)).collect();
-        by_pairs(self.q.len() < LONG, axis, |i, smoothed| {
+        by_pairs(self.samples() < LONG, axis, |i, smoothed| {
             for ((states, margin), own) in segments.iter_mut().zip(smoothed) {
                 *margin = (*margin).max(own.margin);
                 for (state, value) in states.iter_mut().zip(own.values) {
@@ -124,8 +125,15 @@ impl<'a> Angles<'a> {
         segments
     }
 
+    fn samples(&self) -> usize {
+        self.stretches.last().map_or(0, |s| s.end)
+    }
+
     fn angles(&self, axis: usize, stretch: &Range<usize>) -> Vec<f64> {
-        self.q[stretch.clone()].iter().map(|q| q[axis]).collect()
+        match self.q.series(axis) {
+            [] => vec![0.0; stretch.len()],
+            own => own[stretch.clone()].to_vec(),
+        }
     }
 
     fn each(&self, axis: usize, f: impl Fn(&[f64]) -> Smoothed) -> Vec<Smoothed> {
@@ -160,7 +168,7 @@ impl<'a> Angles<'a> {
             let rates = |s: &Smoothed| s.values.iter().map(|x| x[1] / self.dt).collect::<Vec<_>>();
             (all.iter().map(rates).collect(), self.finest_jump(i, all.iter().flat_map(|s| &s.values)))
         };
-        by_pairs(self.q.len() < LONG, known, |i, known| (rates[i], finest[i]) = known);
+        by_pairs(self.samples() < LONG, known, |i, known| (rates[i], finest[i]) = known);
         let turning = |ringing: f64| -> Vec<Vec<bool>> {
             let of = |s: usize| turns(&std::array::from_fn(|i| rates[i][s].as_slice()), self.dt, ringing);
             (0..self.stretches.len()).map(of).collect()

@@ -18,10 +18,11 @@ use rayon::prelude::*;
 
 use self::states::InternalStates;
 use super::Dataset;
-use crate::dynamics::{Channel, Output, Plant, inverse_dynamics};
+use crate::dynamics::{Output, Plant, inverse_dynamics};
 use crate::effects::{ActiveEffect, GearSpring, Kind};
 use crate::kinematics::{JointState, KinematicsError, Motion};
 use crate::machine::AXES;
+use crate::recording::Channel;
 use crate::recording::Signals;
 
 pub use columns::{averaged_columns, columns, prediction_and_columns};
@@ -166,7 +167,7 @@ fn ideal(plant: &Plant, dataset: &Dataset, joints: &Joints) -> Result<Channels, 
         }
     }
     let series: Channels =
-        dataset.channels.iter().map(|channel| outputs.iter().map(|o| channel_value(*channel, o)).collect()).collect();
+        dataset.channels.iter().map(|channel| outputs.iter().map(|o| o.of(*channel)).collect()).collect();
     Ok(series)
 }
 
@@ -190,34 +191,22 @@ fn at_motors(
     (0..dataset.len()).into_par_iter().map(difference).collect()
 }
 
-fn channel_value(channel: Channel, output: &Output) -> f64 {
-    match channel {
-        Channel::Torque(axis) | Channel::Force(axis) | Channel::Current(axis, _) => output.tau[axis],
-        Channel::StrutUpper(s) => output.reactions.upper[s],
-        Channel::StrutLower(s) => output.reactions.lower[s],
-    }
-}
-
 /// Applies the plant's sensor effects to the torque channels.
 fn observe(plant: &Plant, dataset: &Dataset, series: &mut Channels) {
     if !plant.observes() {
         return;
     }
-    let drives = plant.mechanism.axes();
+    let drives = Channel::of_drives(plant.mechanism);
     for segment in &dataset.segments {
-        let torque = |i: usize, k: usize| if i < drives { series[i][k] } else { 0.0 };
-        let mut signals = Signals {
-            t: dataset.t[segment.clone()].to_vec(),
-            tau: segment.clone().map(|k| std::array::from_fn(|i| torque(i, k))).collect(),
-            ..Signals::default()
-        };
+        let mut signals = Signals::new(plant.mechanism, dataset.t[segment.clone()].to_vec());
+        for (series, &drive) in series.iter().zip(&drives) {
+            signals.set(drive, series[segment.clone()].to_vec());
+        }
         for active in &plant.effects {
             active.observe(&mut signals);
         }
-        for (k, tau) in segment.clone().zip(&signals.tau) {
-            for i in 0..drives {
-                series[i][k] = tau[i];
-            }
+        for (series, &drive) in series.iter_mut().zip(&drives) {
+            series[segment.clone()].copy_from_slice(&signals[drive]);
         }
     }
 }

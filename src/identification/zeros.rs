@@ -431,7 +431,7 @@ mod tests {
     /// the torque of position and direction that `law` gives.
     fn bench(seed: u64, zero: f64, joint: Joint, law: impl Fn(f64, f64) -> f64) -> Dataset {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let mut signals = Signals { mechanism: Mechanism::axis(joint), ..Signals::default() };
+        let mut samples = Vec::new();
         let waves = [(0.9, 1.7), (0.4, 3.1 + 0.1 * seed as f64), (0.1, 7.3)];
         for k in 0..8000 {
             let t = f64::from(k) * 1e-3;
@@ -441,10 +441,9 @@ mod tests {
             let qdd = sum(&|a, w| -a * w * w * (w * t).sin());
             let noise: f64 = StandardNormal.sample(&mut rng);
             let tau = 0.02 * qdd + 0.2 * (50.0 * qd).tanh() + 0.05 * qd + law(q, (50.0 * qd).tanh()) + 0.02 * noise;
-            signals.t.push(t);
-            signals.q.push([q - zero, 0.0, 0.0, 0.0]);
-            signals.tau.push([tau, 0.0, 0.0, 0.0]);
+            samples.push([t, q - zero, tau]);
         }
+        let signals = Signals::of_axis(joint, &samples);
         Dataset::new(&Recording { name: format!("run {seed}"), signals, ..Recording::default() })
     }
 

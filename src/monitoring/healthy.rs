@@ -4,9 +4,9 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::chart::{Chart, Law};
 use super::sliding::Window;
-use crate::dynamics::Channel;
 use crate::evidence::whiten::ArFilter;
 use crate::identification::residuals::rms;
+use crate::recording::Channel;
 
 /// Largest order of the whitening filter, blocks.
 const ORDER: usize = 8;

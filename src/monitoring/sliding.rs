@@ -169,13 +169,8 @@ pub fn recording_of(samples: &[Sample], mechanism: Mechanism, setup: &Setup) -> 
     let starts = (1..t.len()).filter(|&k| t[k] - t[k - 1] > GAP * dt);
     let bounds: Vec<usize> = std::iter::once(0).chain(starts).chain([t.len()]).collect();
     let segments = bounds.windows(2).map(|b| b[0]..b[1]).filter(|s| !s.is_empty()).collect();
-    let signals = Signals {
-        mechanism,
-        q: samples.iter().map(|s| s.q).collect(),
-        tau: samples.iter().map(|s| s.tau).collect(),
-        t,
-        segments,
-        ..Signals::default()
-    };
+    let (q, tau): (Vec<_>, Vec<_>) = samples.iter().map(|s| (s.q, s.tau)).unzip();
+    let mut signals = Signals::of_drives(mechanism, t, &q, &tau);
+    signals.segments = segments;
     Recording { name: "stream".into(), signals, setup: *setup }
 }

@@ -2,8 +2,8 @@
 
 use super::{Machine, PathPoint, Plan, PlanError};
 use crate::constraint_forces::{Detail, constraint_forces};
-use crate::machine::{STRUTS, Setup};
-use crate::recording::{Recording, Signals};
+use crate::machine::{AXES, STRUTS, Setup};
+use crate::recording::{Channel, Recording, Signals};
 
 /// Recording of the plan with a row every `period` s: q, q̇, q̈, torques, strut forces, platform position, ṡ and s̈,
 /// all at the same place of the path.
@@ -24,9 +24,9 @@ pub fn trajectory(
     let rows = (plan.time / period).ceil().max(1.0);
     let stretch = rows * period / plan.time;
     let times: Vec<f64> = (0..=rows as usize).map(|k| k as f64 * period).collect();
-    let mut out = Signals { t: times.clone(), ..Signals::default() };
-    let (mut qd, mut qdd, mut ee) = (vec![], vec![], vec![]);
-    let mut forces: [[Vec<f64>; STRUTS]; 2] = Default::default();
+    let [mut q, mut qd, mut qdd, mut tau]: [Vec<[f64; AXES]>; 4] = Default::default();
+    let [mut upper, mut lower]: [Vec<[f64; STRUTS]>; 2] = Default::default();
+    let mut ee: Vec<[f64; 3]> = Vec::new();
     for [s, speed, acceleration] in plan.profile.sample(times.iter().map(|t| t / stretch)) {
         let place = |pose| PlanError::Place {
             s: curve.way(s)[0],
@@ -39,19 +39,20 @@ pub fn trajectory(
         let own = plant.steady_states(0.0, &motion);
         let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
         let loads = constraint_forces(plant, 0.0, &motion, &states, Detail::Complete).map_err(place)?.output();
-        out.q.push(motion.q);
+        q.push(motion.q);
         qd.push(motion.qd);
         qdd.push(motion.qdd);
-        out.tau.push(loads.tau);
+        tau.push(loads.tau);
         ee.push([point.r[0].x, point.r[0].y, point.r[0].z]);
-        for i in 0..STRUTS {
-            forces[0][i].push(loads.reactions.upper[i]);
-            forces[1][i].push(loads.reactions.lower[i]);
-        }
+        upper.push(loads.reactions.upper);
+        lower.push(loads.reactions.lower);
     }
-    let [upper, lower] = forces;
-    out.strut_upper = upper.map(Some);
-    out.strut_lower = lower.map(Some);
-    (out.qd, out.qdd, out.ee) = (Some(qd), Some(qdd), Some(ee));
+    let mut out = Signals::new(machine.plant().mechanism, times);
+    let axes: [(fn(usize) -> Channel, _); 4] =
+        [(Channel::Angle, q), (Channel::Rate, qd), (Channel::Acceleration, qdd), (Channel::Torque, tau)];
+    axes.iter().for_each(|(of, rows)| out.set_rows(*of, rows));
+    out.set_rows(Channel::StrutUpper, &upper);
+    out.set_rows(Channel::StrutLower, &lower);
+    out.set_rows(Channel::EndEffector, &ee);
     Ok(Recording { name: name.into(), signals: out, setup: *setup })
 }

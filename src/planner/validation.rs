@@ -9,7 +9,7 @@ use crate::dynamics::Plant;
 use crate::kinematics::JointState;
 use crate::machine::{AXES, STRUTS};
 use crate::model::Model;
-use crate::recording::{Recording, Signals};
+use crate::recording::{Channel, Recording, Signals};
 use crate::scenario::motion::table::Table;
 use crate::scenario::{DesiredMotion, Sensors};
 use crate::twin::{Clamps, Event, EventKind, NewContacts, Options, SimulationError, simulate};
@@ -94,7 +94,7 @@ pub fn execute(
         file: Default::default(),
         joints: true,
         t: planned.signals.t.clone(),
-        rows: planned.signals.q.clone(),
+        rows: planned.signals.q().iter().collect(),
         moving: false,
     };
     let motion = DesiredMotion::Joints { course: table.course(), geometry: planning.geometry };
@@ -117,7 +117,6 @@ pub fn execute(
     };
     let (recording, report) = simulate(machine, &planned.setup, planning, &|t| motion.at(t), &options, &mut |_| true)?;
     let (want, got) = (&planned.signals, &recording.signals);
-    let n = want.len().min(got.len());
     let differ = |pairs: &mut dyn Iterator<Item = f64>| {
         let (mut square, mut most, mut count) = (0.0, 0.0f64, 0.0);
         for d in pairs {
@@ -127,13 +126,13 @@ pub fn execute(
         }
         [(square / f64::max(count, 1.0)).sqrt(), most]
     };
-    let upper = |signals: &Signals, s: usize, k: usize| signals.strut_upper[s].as_ref().map_or(0.0, |f| f[k]);
-    let torque = std::array::from_fn(|i| differ(&mut (0..n).map(|k| got.tau[k][i] - want.tau[k][i])));
-    let strut = std::array::from_fn(|s| differ(&mut (0..n).map(|k| upper(got, s, k) - upper(want, s, k))));
+    let apart = |channel: Channel| differ(&mut got[channel].iter().zip(&want[channel]).map(|(a, b)| a - b));
+    let torque = std::array::from_fn(|i| apart(Channel::Torque(i)));
+    let strut = std::array::from_fn(|s| apart(Channel::StrutUpper(s)));
     let (a, b) = (acceleration(want), acceleration(got));
     let acceleration =
         differ(&mut a.iter().zip(&b).map(|(a, b)| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()));
-    let peak_strut = got.strut_upper.iter().flatten().flatten().fold(0.0f64, |m, f| m.max(f.abs()));
+    let peak_strut = got.rows::<STRUTS>(Channel::StrutUpper).iter().flatten().fold(0.0f64, |m, f| m.max(f.abs()));
     let margin = report.min_margin.into_iter().fold(f64::INFINITY, f64::min);
     let peaks = peaks(machine, &recording, &report.events);
     Ok(Execution { torque, strut, acceleration, peak_strut, margin, events: report.events, peaks, recording })
@@ -150,10 +149,13 @@ fn peaks(machine: &Model, recording: &Recording, events: &[Event]) -> BTreeMap<L
             let peak = peaks.entry(limit).or_insert(0.0);
             *peak = f64::max(*peak, value.abs());
         };
-        (0..AXES).for_each(|i| add(Limit::Torque(i), signals.tau[k][i]));
-        for s in 0..STRUTS {
-            signals.strut_lower[s].iter().for_each(|force| add(Limit::LambdaP(s), force[k]));
-            signals.strut_upper[s].iter().for_each(|force| add(Limit::LambdaS(s), force[k]));
+        (0..AXES).for_each(|i| add(Limit::Torque(i), signals.tau().at(k)[i]));
+        for (channel, values) in signals.series() {
+            match channel {
+                Channel::StrutLower(s) => add(Limit::LambdaP(s), values[k]),
+                Channel::StrutUpper(s) => add(Limit::LambdaS(s), values[k]),
+                _ => {}
+            }
         }
         if let Some(bearing) = bearing(&plant, signals, k) {
             bearing.into_iter().enumerate().for_each(|(i, load)| add(Limit::LambdaE(i), load));
@@ -164,8 +166,11 @@ fn peaks(machine: &Model, recording: &Recording, events: &[Event]) -> BTreeMap<L
 
 /// λ_E of the executed motion at sample `k`; `None` where the assembled machine cannot be.
 fn bearing(plant: &Plant, signals: &Signals, k: usize) -> Option<[f64; 5]> {
-    let (qd, qdd) = (signals.qd.as_ref()?[k], signals.qdd.as_ref()?[k]);
-    let motion = plant.motion(&JointState { q: signals.q[k], qd, qdd }).ok()?;
+    let (qd, qdd) = (signals.rows(Channel::Rate), signals.rows(Channel::Acceleration));
+    if qd.is_empty() || qdd.is_empty() {
+        return None;
+    }
+    let motion = plant.motion(&JointState { q: signals.q().at(k), qd: qd.at(k), qdd: qdd.at(k) }).ok()?;
     let own = plant.steady_states(signals.t[k], &motion);
     let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
     let forces = constraint_forces(plant, signals.t[k], &motion, &states, Detail::Complete).ok()?;
@@ -176,6 +181,6 @@ fn bearing(plant: &Plant, signals: &Signals, k: usize) -> Option<[f64; 5]> {
 /// position.
 pub fn acceleration(signals: &Signals) -> Vec<[f64; 3]> {
     let step = signals.sample_time();
-    let Some(ee) = &signals.ee else { return Vec::new() };
+    let ee: Vec<[f64; 3]> = signals.rows(Channel::EndEffector).iter().collect();
     ee.windows(3).map(|w| std::array::from_fn(|i| (w[2][i] - 2.0 * w[1][i] + w[0][i]) / (step * step))).collect()
 }

@@ -99,7 +99,7 @@ impl Links {
             return Vec::new();
         }
         let mut found = Vec::new();
-        for (&t, &q) in signals.t.iter().zip(&signals.q).filter(|(t, _)| t.is_finite()) {
+        for (&t, q) in signals.t.iter().zip(signals.q().iter()).filter(|(t, _)| t.is_finite()) {
             if t < self.due - EARLY {
                 continue;
             }
@@ -175,6 +175,7 @@ mod tests {
     use super::*;
     use crate::machine::Configuration;
     use crate::model::testing::irb360;
+    use crate::recording::Channel;
 
     /// At 2.5 kHz in pieces with a gap, an angle that cannot be among them: every 25th sample has a pose, of the links that
     /// the URDF names.
@@ -188,10 +189,13 @@ mod tests {
         let angle = |t: f64| [1.2 + t, 1.2, 1.2 - t, 2.0 * t];
         let piece = |from: f64, count: u32| {
             let t: Vec<f64> = (0..count).map(|k| from + 4e-4 * f64::from(k)).collect();
-            Signals { q: t.iter().map(|&t| angle(t)).collect(), t, ..Signals::default() }
+            let q: Vec<_> = t.iter().map(|&t| angle(t)).collect();
+            Signals::of_drives(model.mechanism, t, &q, &q)
         };
         let mut first = piece(0.0, 60);
-        first.q[25] = [-1.5, 1.7, 1.7, 0.0];
+        for (axis, lost) in [-1.5, 1.7, 1.7, 0.0].into_iter().enumerate() {
+            first.get_mut(Channel::Angle(axis)).unwrap()[25] = lost;
+        }
         let all = [first, piece(0.024, 20), piece(0.1, 30)].map(|signals| links.poses(&signals));
         let times: Vec<f64> = all.iter().flatten().map(|pose| pose.t).collect();
         let expected = [0.0, 0.02, 0.03, 0.1, 0.11];

@@ -9,10 +9,24 @@ use super::constraints::ROWS;
 use super::controller::quantised;
 use crate::kinematics::motion::SOCKETS;
 use crate::machine::bodies::PLATFORM;
-use crate::machine::{AXES, STRUTS, Setup};
+use crate::machine::{AXES, Setup};
 use crate::model::Model;
-use crate::recording::Signals;
+use crate::recording::{Channel, FAMILIES, Signals};
 use crate::scenario;
+
+/// What is measured at one instant.
+pub(super) struct Reading<'a> {
+    /// Encoder readings, rad.
+    pub q: [f64; AXES],
+    /// Drive torques, N·m.
+    pub tau: [f64; AXES],
+    /// State of the machine.
+    pub snapshot: &'a Snapshot,
+    /// Remaining force margins of the sockets, N.
+    pub margins: &'a [f64; SOCKETS],
+    /// Multipliers of the constraint rows, if they are recorded.
+    pub multipliers: Option<[f64; ROWS]>,
+}
 
 /// Sensors of the machine.
 pub(super) struct Sensors<'a> {
@@ -54,79 +68,66 @@ impl<'a> Sensors<'a> {
 
     /// Empty signals with the channels that are recorded.
     pub fn channels(&self) -> Signals {
-        let fitted = &self.fitted;
-        Signals {
-            mechanism: self.model.mechanism,
-            strut_upper: fitted.strut_upper.map(|fitted| fitted.then(Vec::new)),
-            strut_lower: fitted.strut_lower.map(|fitted| fitted.then(Vec::new)),
-            ee: (fitted.ee && self.assembled).then(Vec::new),
-            qd: fitted.velocity.then(Vec::new),
-            qdd: fitted.acceleration.then(Vec::new),
-            socket_margin: fitted.sockets.then(Vec::new),
-            multipliers: fitted.multipliers.then(Vec::new),
-            link_q: fitted.links.then(Vec::new),
-            link_qd: fitted.links.then(Vec::new),
-            ..Signals::default()
-        }
+        let Self { model, fitted, assembled, .. } = self;
+        let mut signals = Signals::new(model.mechanism, Vec::new());
+        let all = FAMILIES.iter().flat_map(|family| family.channels(model.mechanism));
+        let is_fitted = |channel: &Channel| match *channel {
+            Channel::Angle(_) | Channel::Torque(_) => true,
+            Channel::StrutUpper(s) => fitted.strut_upper[s],
+            Channel::StrutLower(s) => fitted.strut_lower[s],
+            Channel::EndEffector(_) => fitted.ee && *assembled,
+            Channel::Rate(_) => fitted.velocity,
+            Channel::Acceleration(_) => fitted.acceleration,
+            Channel::SocketMargin(_) => fitted.sockets,
+            Channel::Multiplier(_) => fitted.multipliers,
+            Channel::LinkAngle(_) | Channel::LinkRate(_) => fitted.links,
+            Channel::Load(_) | Channel::FlangeForce(_) => false,
+        };
+        all.filter(is_fitted).for_each(|channel| signals.set(channel, Vec::new()));
+        signals
     }
 
     /// Appends one sample, without noise.
-    pub fn record(
-        &self,
-        signals: &mut Signals,
-        (t, q, tau): (f64, &[f64; AXES], &[f64; AXES]),
-        snapshot: &Snapshot,
-        margins: &[f64; SOCKETS],
-        multipliers: Option<[f64; ROWS]>,
-    ) {
-        let motion = &snapshot.motion;
+    pub fn record(&self, signals: &mut Signals, t: f64, reading: &Reading) {
+        let Reading { q, tau, snapshot, margins, multipliers } = reading;
         signals.t.push(t);
-        signals.q.push(*q);
-        signals.tau.push(*tau);
-        for s in 0..STRUTS {
-            if let Some(channel) = &mut signals.strut_upper[s] {
-                channel.push(snapshot.reactions.upper[s]);
-            }
-            if let Some(channel) = &mut signals.strut_lower[s] {
-                channel.push(snapshot.reactions.lower[s]);
-            }
-        }
-        if let Some(ee) = &mut signals.ee {
-            ee.push(motion.bodies[PLATFORM].position.into());
-        }
-        if let Some(qd) = &mut signals.qd {
-            qd.push(snapshot.encoder_rate);
-        }
-        if let Some(qdd) = &mut signals.qdd {
-            qdd.push(snapshot.encoder_acceleration);
-        }
-        if let Some(margin) = &mut signals.socket_margin {
-            margin.push(*margins);
-        }
-        if let (Some(channel), Some(lambda)) = (&mut signals.multipliers, multipliers) {
-            channel.push(lambda);
-        }
-        if let (Some(angles), Some(rates)) = (&mut signals.link_q, &mut signals.link_qd) {
-            angles.push(motion.q);
-            rates.push(motion.qd);
+        for (channel, values) in signals.series_mut() {
+            values.push(match channel {
+                Channel::Angle(i) => q[i],
+                Channel::Torque(i) => tau[i],
+                Channel::Rate(i) => snapshot.encoder_rate[i],
+                Channel::Acceleration(i) => snapshot.encoder_acceleration[i],
+                Channel::LinkAngle(i) => snapshot.motion.q[i],
+                Channel::LinkRate(i) => snapshot.motion.qd[i],
+                Channel::StrutUpper(s) => snapshot.reactions.upper[s],
+                Channel::StrutLower(s) => snapshot.reactions.lower[s],
+                Channel::EndEffector(k) => snapshot.motion.bodies[PLATFORM].position[k],
+                Channel::SocketMargin(s) => margins[s],
+                Channel::Multiplier(row) => multipliers.map_or(0.0, |lambda| lambda[row]),
+                Channel::Load(_) | Channel::FlangeForce(_) => 0.0,
+            });
         }
     }
 
     /// Adds white noise to torques and forces; consecutive pieces of a run get the noise of the whole.
     pub fn add_noise(&mut self, signals: &mut Signals) {
         let Some([of_torque, of_force]) = &mut self.noise else { return };
-        for tau in &mut signals.tau {
-            for (x, sigma) in tau.iter_mut().zip(self.torque_noise).take(self.model.mechanism.axes()) {
-                *x += normal(sigma).sample(of_torque);
-            }
-        }
-        let force = normal(self.model.noise.strut_force);
-        let mut channels: Vec<&mut Vec<f64>> =
-            signals.strut_upper.iter_mut().chain(&mut signals.strut_lower).flatten().collect();
-        for i in 0..signals.t.len() {
-            for channel in &mut channels {
-                channel[i] += force.sample(of_force);
-            }
+        let (torque, force) = (self.torque_noise, self.model.noise.strut_force);
+        let is_torque = |channel: Channel| channel.drive().is_some();
+        let is_force = |channel: Channel| matches!(channel, Channel::StrutUpper(_) | Channel::StrutLower(_));
+        add(signals, is_torque, of_torque, |i| torque[i]);
+        add(signals, is_force, of_force, |_| force);
+    }
+}
+
+/// Adds white noise to the channels of one kind, sample by sample; `sigma` is that of a channel by its place.
+fn add(signals: &mut Signals, is: impl Fn(Channel) -> bool, random: &mut ChaCha8Rng, sigma: impl Fn(usize) -> f64) {
+    let samples = signals.len();
+    let own = signals.series_mut().filter(|(channel, _)| is(*channel));
+    let mut noisy: Vec<_> = own.map(|(channel, values)| (normal(sigma(channel.index())), values)).collect();
+    for k in 0..samples {
+        for (noise, values) in &mut noisy {
+            values[k] += noise.sample(random);
         }
     }
 }

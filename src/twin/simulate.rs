@@ -10,7 +10,7 @@ pub use self::reported::{Piece, Receiver};
 use super::contacts::{ContactWork, Contacts, Held, Touch};
 use super::controller::Controller;
 use super::machine::{Checkpoint, Snapshot, Twin};
-use super::sensors::Sensors;
+use super::sensors::{Reading, Sensors};
 use super::sockets::Clamps;
 use super::torque::Torque;
 use super::trace::{Sample, TripCause};
@@ -138,11 +138,7 @@ impl Receiver for Whole<'_> {
     }
 
     fn piece(&mut self, piece: Piece) -> bool {
-        if self.signals.is_empty() {
-            self.signals = piece.signals;
-        } else {
-            self.signals.extend(piece.signals);
-        }
+        self.signals.extend(piece.signals);
         self.frames.extend(piece.frames);
         true
     }
@@ -226,7 +222,8 @@ impl<'a> Run<'a> {
         } else {
             None
         };
-        self.sensors.record(&mut self.signals, (t, &encoders, &tau), &snapshot, &margins, multipliers);
+        let reading = Reading { q: encoders, tau, snapshot: &snapshot, margins: &margins, multipliers };
+        self.sensors.record(&mut self.signals, t, &reading);
         if k.is_multiple_of(self.options.control_period) {
             self.control(t, &encoders, &tau)?;
         }

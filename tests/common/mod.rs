@@ -3,12 +3,13 @@
 
 use std::path::{Path, PathBuf};
 
-use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
-use deltatwin::identification::{Dataset, EncoderReadings};
+use deltatwin::identification::Dataset;
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::{Payload, Setup, Stops};
 use deltatwin::model::Model;
+use deltatwin::recording::Channel;
 use deltatwin_io::kind::{Kind, kind};
 use deltatwin_io::model;
 use rand::RngExt;
@@ -80,20 +81,8 @@ pub fn random_joints(plant: &Plant, rng: &mut ChaCha8Rng) -> JointState {
 
 /// Drive torques along `joints` every `dt`, none measured yet.
 pub fn planned(setup: Setup, t: Vec<f64>, joints: Vec<JointState>, dt: f64) -> Dataset {
-    let n = t.len();
-    Dataset {
-        name: "measured".into(),
-        setup,
-        t,
-        joints,
-        channels: Channel::TORQUES.to_vec(),
-        measured: vec![vec![0.0; n]; 4],
-        segments: std::iter::once(0..n).collect(),
-        dt,
-        readings: EncoderReadings::default(),
-        standing: 0.0,
-        half_width: [3; 4],
-    }
+    let exact = Dataset::exact(Default::default(), setup, Channel::TORQUES.to_vec(), dt, joints);
+    Dataset { name: "measured".into(), t, ..exact }
 }
 
 /// What the encoders of `robot` read at `joints`: whole steps, rad.

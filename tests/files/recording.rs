@@ -6,7 +6,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use deltatwin::machine::{Configuration, Joint, Mechanism, Payload, Setup};
-use deltatwin::recording::{Attachment, Contact, Contacts, Context, Level, Note, Poses, Recording, Signals};
+use deltatwin::recording::{
+    Attachment, Channel, Contact, Contacts, Context, Level, Note, Poses, ROWS, Recording, Signals,
+};
 use deltatwin_io::recording;
 use nalgebra::{Isometry3, Vector3};
 use tempfile::TempDir;
@@ -29,22 +31,23 @@ fn run(n: usize) -> Recording {
         t.iter().map(|&t| std::array::from_fn(|k| f(k, t))).collect()
     };
     let w = |k: usize| 3.0 + k as f64;
-    let mut signals = Signals {
-        q: axes(&angle),
-        tau: axes(&|k, t| 20.0 * (7.0 * t + k as f64).sin() + (1e4 * t).sin() / 3.0),
-        qd: Some(axes(&|k, t| 0.3 * w(k) * (w(k) * t).cos())),
-        qdd: Some(axes(&|k, t| -0.3 * w(k) * w(k) * (w(k) * t).sin())),
-        ee: Some(t.iter().map(|t| [0.1 * t.sin(), 0.2, -1.0 / (2.0 + t)]).collect()),
-        socket_margin: Some(t.iter().map(|&t| std::array::from_fn(|s| margin(s, t))).collect()),
-        multipliers: Some(t.iter().map(|t| std::array::from_fn(|row| (row as f64 + 9.0 * t).sin())).collect()),
-        link_q: Some(axes(&|k, t| angle(k, t) + 1e-4 * t.cos())),
-        link_qd: Some(axes(&|k, t| w(k) * (w(k) * t).cos() / 3.0)),
-        segments: std::iter::once(0..n).collect(),
-        t: t.clone(),
-        ..Signals::default()
-    };
-    signals.strut_upper[0] = Some(t.iter().map(|t| 30.0 * (5.0 * t).sin()).collect());
-    signals.strut_lower[5] = Some(t.iter().map(|t| 1e-7 - t).collect());
+    let tau = axes(&|k, t| 20.0 * (7.0 * t + k as f64).sin() + (1e4 * t).sin() / 3.0);
+    let mut signals = Signals::of_drives(Mechanism::default(), t.clone(), &axes(&angle), &tau);
+    signals.segments = std::iter::once(0..n).collect();
+    signals.set_rows(Channel::Rate, &axes(&|k, t| 0.3 * w(k) * (w(k) * t).cos()));
+    signals.set_rows(Channel::Acceleration, &axes(&|k, t| -0.3 * w(k) * w(k) * (w(k) * t).sin()));
+    signals.set_rows(Channel::LinkAngle, &axes(&|k, t| angle(k, t) + 1e-4 * t.cos()));
+    signals.set_rows(Channel::LinkRate, &axes(&|k, t| w(k) * (w(k) * t).cos() / 3.0));
+    let mut set = |channel: Channel, f: &dyn Fn(f64) -> f64| signals.set(channel, t.iter().map(|t| f(*t)).collect());
+    set(Channel::EndEffector(0), &|t| 0.1 * t.sin());
+    set(Channel::EndEffector(1), &|_| 0.2);
+    set(Channel::EndEffector(2), &|t| -1.0 / (2.0 + t));
+    (0..12).for_each(|s| set(Channel::SocketMargin(s), &|t| margin(s, t)));
+    (0..ROWS).for_each(|row| set(Channel::Multiplier(row), &|t| (row as f64 + 9.0 * t).sin()));
+    set(Channel::StrutUpper(0), &|t| 30.0 * (5.0 * t).sin());
+    set(Channel::StrutLower(5), &|t| 1e-7 - t);
+    (0..4).for_each(|k| set(Channel::Load(k), &|t| 3.0 * (2.0 * t + k as f64).cos()));
+    (0..3).for_each(|k| set(Channel::FlangeForce(k), &|t| 5.0 + (4.0 * t + k as f64).sin()));
     let mut setup = Setup { configuration: Configuration::Assembled, ..Setup::default() };
     let tensor = [0.003, 0.004, 0.002, 1e-4 / 3.0, -2e-4, 1e-5];
     setup.payload = Payload::with_tensor(1.1, [0.01, -0.02, -1.0 / 30.0], tensor);
@@ -65,8 +68,8 @@ fn csv(folder: &TempDir, n: usize, change: impl Fn(usize, &mut Vec<String>)) -> 
     let s = run(n).signals;
     let mut text = "t,q1,q2,q3,q4,tau1,tau2,tau3,tau4\n".to_string();
     for i in 0..n {
-        let cells = std::iter::once(&s.t[i]).chain(&s.q[i]).chain(&s.tau[i]);
-        let mut cells: Vec<String> = cells.map(f64::to_string).collect();
+        let cells = [s.t[i]].into_iter().chain(s.q().at(i)).chain(s.tau().at(i));
+        let mut cells: Vec<String> = cells.map(|x| x.to_string()).collect();
         change(i, &mut cells);
         if !cells.is_empty() {
             text += &(cells.join(",") + "\n");
@@ -93,9 +96,10 @@ fn contains(message: &str, parts: &[&str]) {
 fn round_trips_are_exact() {
     let folder = folder();
     let mut written = run(3000);
-    let start = written.signals.q[0][3];
-    written.signals.q.iter_mut().for_each(|q| q[3] -= start);
-    written.signals.q[0][3] = -0.0;
+    let turning = written.signals.get_mut(Channel::Angle(3)).unwrap();
+    let start = turning[0];
+    turning.iter_mut().for_each(|q| *q -= start);
+    turning[0] = -0.0;
     for name in ["run.csv", "run.mcap"] {
         let path = folder.path().join(name);
         recording::write(&written, &path).unwrap();
@@ -129,10 +133,7 @@ fn times_agree_to_the_nanosecond() {
 fn mcap_is_deterministic_and_keeps_missing_channels_missing() {
     let folder = folder();
     let mut written = run(300);
-    let s = &mut written.signals;
-    (s.qd, s.qdd, s.ee, s.socket_margin) = (None, None, None, None);
-    (s.multipliers, s.link_q, s.link_qd) = (None, None, None);
-    (s.strut_upper, s.strut_lower) = Default::default();
+    written.signals = written.signals.only(|channel| matches!(channel, Channel::Angle(_) | Channel::Torque(_)));
     let (a, b) = (folder.path().join("run.mcap"), folder.path().join("b.mcap"));
     recording::write(&written, &a).unwrap();
     recording::write(&written, &b).unwrap();
@@ -168,9 +169,7 @@ fn truncated_mcap_is_read_as_far_as_it_goes() {
     assert!(warnings.iter().any(|w| w.contains("cut short")), "{warnings:?}");
     let n = part.signals.len();
     assert!((3000..9999).contains(&n), "{n}");
-    assert_eq!(part.signals.q[..], whole.signals.q[..n]);
-    assert_eq!(part.signals.strut_upper[0].as_ref().unwrap()[..], whole.signals.strut_upper[0].as_ref().unwrap()[..n]);
-    assert_eq!(part.signals.socket_margin.unwrap()[..], whole.signals.socket_margin.as_ref().unwrap()[..n]);
+    assert!(part.signals.series().eq(whole.signals.part(0..n).series()));
     assert_eq!(part.setup, whole.setup);
     // However it is cut or damaged, reading ends with a recording or an error.
     for k in 0..40 {
@@ -224,7 +223,7 @@ fn mcap_from_elsewhere() {
                 d.extend(name.as_bytes());
                 d.push(0);
             }
-            for values in [Some(signals.q[i]), None, Some(signals.tau[i])] {
+            for values in [Some(signals.q().at(i)), None, Some(signals.tau().at(i))] {
                 d.resize(d.len().next_multiple_of(4), 0);
                 d.extend((if values.is_some() { 4u32 } else { 0 }).to_be_bytes());
                 for k in order.into_iter().filter(|_| values.is_some()) {
@@ -245,11 +244,11 @@ fn mcap_from_elsewhere() {
     };
     let (back, warnings) = read(&write(["joint_3", "joint_1", "joint_4", "joint_2"], [2, 0, 3, 1]));
     assert_eq!(warnings, [""; 0]);
-    assert_eq!((back.signals.t, back.signals.q), (signals.t.clone(), signals.q.clone()));
-    assert_eq!((back.signals.tau, back.signals.qd), (signals.tau.clone(), None));
+    assert_eq!((&back.signals.t, back.signals.q()), (&signals.t, signals.q()));
+    assert_eq!((back.signals.tau(), back.signals.get(Channel::Rate(0))), (signals.tau(), None));
     let (back, warnings) = read(&write(["a", "b", "c", "d"], [0, 1, 2, 3]));
     contains(&warnings[0], &["a, b, c, d", "in this order"]);
-    assert_eq!(back.signals.q, signals.q);
+    assert_eq!(back.signals.q(), signals.q());
 }
 
 /// Every message under the profile `ros2` is CDR of a type whose definition is there.
@@ -287,9 +286,9 @@ fn mcap_holds_ros_messages_only() {
     assert!(summary.schemas.values().all(|s| s.encoding == "ros2msg" && s.name.contains("/msg/")));
     let mut topics: Vec<String> = summary.channels.values().map(|c| c.topic.clone()).collect();
     topics.sort();
-    let all =
-        ["/contacts", "/end_effector", "/events", "/joint_acceleration", "/joint_states", "/links", "/multipliers"];
-    assert_eq!(topics, [&all[..], &["/robot_description", "/socket_margins", "/strut_forces", "/tf"]].concat());
+    let all = "/contacts /end_effector /events /flange_force /joint_acceleration /joint_states /links /loads \
+               /multipliers /robot_description /socket_margins /strut_forces /tf";
+    assert_eq!(topics, all.split_whitespace().collect::<Vec<_>>());
     assert_eq!(summary.attachment_indexes.len(), 1);
     // By hand from the definition of tf2_msgs/TFMessage: header of 4 bytes, one transform, its stamp, "base", "platform".
     let tf = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap).find(|m| m.channel.topic == "/tf").unwrap();
@@ -327,7 +326,7 @@ fn json_channels_are_read() {
     let struts = w.add_channel(schema, "/strut_forces", "json", &Default::default()).unwrap();
     let schema = w.add_schema("deltatwin.EndEffector", "jsonschema", b"{}").unwrap();
     let point = w.add_channel(schema, "/end_effector", "json", &Default::default()).unwrap();
-    let upper = signals.strut_upper[0].as_ref().unwrap();
+    let upper = &signals[Channel::StrutUpper(0)];
     for i in 0..300 {
         let log_time = 1_000_000_000 + (signals.t[i] * 1e9) as u64;
         let mut write = |channel_id, data: &[u8]| {
@@ -337,14 +336,15 @@ fn json_channels_are_read() {
         let forces =
             format!("{{\"upper\":[{},null,null,null,null,null],\"lower\":[null,null,null,null,null,null]}}", upper[i]);
         write(struts, forces.as_bytes());
-        let [x, y, z] = signals.ee.as_ref().unwrap()[i];
+        let [x, y, z] = signals.rows(Channel::EndEffector).at(i);
         write(point, format!("{{\"x\":{x},\"y\":{y},\"z\":{z}}}").as_bytes());
         write(joints, &joint_state(log_time, &signals, i));
     }
     w.finish().unwrap();
     let back = read(&path).0.signals;
-    assert_eq!((back.ee, &back.strut_upper[0]), (signals.ee, &signals.strut_upper[0]));
-    assert_eq!((back.strut_upper[1].is_none(), back.q), (true, signals.q));
+    let sensors = |channel: Channel| matches!(channel, Channel::EndEffector(_) | Channel::StrutUpper(_));
+    assert!(back.only(sensors).series().eq(signals.only(sensors).series()));
+    assert_eq!(back.q(), signals.q());
     assert_eq!(back.start, Some(1_000_000_000));
 }
 
@@ -363,7 +363,7 @@ fn joint_state(time: u64, signals: &Signals, i: usize) -> Vec<u8> {
         data.extend(6u32.to_le_bytes());
         data.extend(format!("axis{k}\0").as_bytes());
     }
-    for values in [&signals.q[i][..], &[], &signals.tau[i][..]] {
+    for values in [&signals.q().at(i)[..], &[], &signals.tau().at(i)[..]] {
         pad(&mut data, 4);
         data.extend((values.len() as u32).to_le_bytes());
         for x in values {
@@ -405,7 +405,7 @@ fn sqlite_bags_are_read() {
     write(&whole, 0..400);
     let (back, warnings) = read(&whole);
     assert_eq!((warnings, back.signals.start), (vec![], Some(start as i64)));
-    assert_eq!((&back.signals.q, &back.signals.tau, &back.signals.t), (&signals.q, &signals.tau, &signals.t));
+    assert_eq!((back.signals.q(), back.signals.tau(), &back.signals.t), (signals.q(), signals.tau(), &signals.t));
 
     let bag = folder.path().join("bag");
     fs::create_dir(&bag).unwrap();
@@ -590,7 +590,7 @@ fn units_and_dead_channels_are_named() {
     });
     let (recording, warnings) = read(&wrapped);
     contains(&warnings[0], &["`q4`", "unwrapped"]);
-    assert!((recording.signals.q[2499][3] - 20.0 * recording.signals.t[2499]).abs() < 1e-9);
+    assert!((recording.signals.q().at(2499)[3] - 20.0 * recording.signals.t[2499]).abs() < 1e-9);
 }
 
 #[test]
@@ -598,10 +598,12 @@ fn degrees_per_second_are_refused() {
     let folder = folder();
     let path = folder.path().join("run.csv");
     let mut recording = run(500);
-    recording.signals.qd.iter_mut().flatten().flatten().for_each(|v| *v = v.to_degrees());
+    for (_, qd) in recording.signals.series_mut().filter(|(channel, _)| matches!(channel, Channel::Rate(_))) {
+        qd.iter_mut().for_each(|v| *v = v.to_degrees());
+    }
     recording::write(&recording, &path).unwrap();
     contains(&refused(&path), &["column `qd1`", "degrees/s"]);
-    recording.signals.tau[3][2] = f64::NAN;
+    recording.signals.get_mut(Channel::Torque(2)).unwrap()[3] = f64::NAN;
     contains(&recording::write(&recording, &path).unwrap_err().to_string(), &["sample 4 of `tau3` is NaN"]);
     contains(&recording::write(&recording, Path::new("run.xyz")).unwrap_err().to_string(), &[".csv or .mcap"]);
 }
@@ -638,8 +640,7 @@ fn fewer_axes_when_asked_for() {
     assert_eq!(recording::read(&path, None).unwrap().0.signals.mechanism.axes(), 1);
     let (recording, warnings) = recording::read_of(&path, None, Mechanism::axis(Joint::Prismatic)).unwrap();
     assert_eq!(warnings, [""; 0]);
-    assert_eq!(recording.signals.q[7][1..], [0.0; 3]);
-    assert_eq!(recording.signals.q[7][0], run(8).signals.q[7][0]);
+    assert_eq!(recording.signals.q().at(7), [run(8).signals.q().at(7)[0], 0.0, 0.0, 0.0]);
 }
 
 #[test]
@@ -657,7 +658,7 @@ fn jitter_is_resampled() {
     let s = recording.signals;
     let steps = s.t.windows(2).map(|w| w[1] - w[0]);
     assert!(steps.map(|d| (d / s.sample_time() - 1.0).abs()).fold(0.0, f64::max) < 1e-9);
-    for (t, q) in s.t.iter().zip(&s.q) {
+    for (t, q) in s.t.iter().zip(s.q().iter()) {
         for k in 0..4 {
             assert!((q[k] - angle(k, *t)).abs() < 1e-9, "{k} at {t}");
         }
@@ -669,14 +670,14 @@ fn rounded_time_is_not_jitter() {
     let folder = folder();
     let path = csv(&folder, 900, |i, cells| cells[0] = format!("{:.4}", i as f64 / 3000.0));
     let plain = csv(&folder, 900, |_, _| ());
-    let expected = read(&plain).0.signals.q;
+    let expected = read(&plain).0.signals;
     let path = {
         csv(&folder, 900, |i, cells| cells[0] = format!("{:.4}", i as f64 / 3000.0));
         path
     };
     let (recording, warnings) = read(&path);
     contains(&warnings[0], &["rounded to 0.0001 s"]);
-    assert_eq!(recording.signals.q, expected);
+    assert_eq!(recording.signals.q(), expected.q());
     assert!((recording.signals.sample_time() - 1.0 / 3000.0).abs() < 1e-6);
 }
 
@@ -705,7 +706,7 @@ fn gaps_split() {
     let s = read(&path).0.signals;
     assert_eq!(s.stretches(), std::slice::from_ref(&(0..1500)));
     assert_eq!(s.len(), 1500);
-    assert!((s.q[700][0] - angle(0, s.t[700])).abs() < 1e-9);
+    assert!((s[Channel::Angle(0)][700] - angle(0, s.t[700])).abs() < 1e-9);
 }
 
 #[test]
@@ -719,7 +720,7 @@ fn socket_margins_come_all_together_or_not_at_all() {
 
     fs::write(&path, text.replacen("margin3_lower", "margin9_lower", 1)).unwrap();
     let (recording, warnings) = read(&path);
-    assert_eq!(recording.signals.socket_margin, None);
+    assert_eq!(recording.signals.get(Channel::SocketMargin(0)), None);
     let has = |parts: &[&str]| warnings.iter().any(|w| parts.iter().all(|part| w.contains(part)));
     assert!(has(&["unknown columns ignored", "`margin9_lower`"]), "{warnings:?}");
     assert!(has(&["`margin1_upper` ignored", "needs `margin3_lower`"]), "{warnings:?}");
@@ -728,20 +729,23 @@ fn socket_margins_come_all_together_or_not_at_all() {
     let gap: Vec<&str> = text.lines().enumerate().filter(|(i, _)| !(500..600).contains(i)).map(|(_, l)| l).collect();
     fs::write(&path, gap.join("\n")).unwrap();
     let s = read(&path).0.signals;
-    let all = whole.signals.socket_margin.unwrap();
+    let margins = |s: &Signals| s.rows::<12>(Channel::SocketMargin).iter().collect::<Vec<_>>();
+    let all = margins(&whole.signals);
     assert_eq!(s.segments.len(), 2);
-    assert_eq!(s.socket_margin.unwrap(), [&all[..499], &all[599..]].concat());
+    assert_eq!(margins(&s), [&all[..499], &all[599..]].concat());
 
     let mut shaken = run(1500);
     for (i, t) in shaken.signals.t.iter_mut().enumerate() {
         *t += 0.2 * STEP * (i as f64 * 12.9).sin();
     }
-    let t = &shaken.signals.t;
-    shaken.signals.q = t.iter().map(|&t| std::array::from_fn(|k| angle(k, t))).collect();
-    shaken.signals.socket_margin = Some(t.iter().map(|&t| [100.0 + 50.0 * (6.0 * t).sin(); 12]).collect());
+    let t = shaken.signals.t.clone();
+    let q: Vec<[f64; 4]> = t.iter().map(|&t| std::array::from_fn(|k| angle(k, t))).collect();
+    shaken.signals.set_rows(Channel::Angle, &q);
+    let smooth: Vec<_> = t.iter().map(|&t| [100.0 + 50.0 * (6.0 * t).sin(); 12]).collect();
+    shaken.signals.set_rows(Channel::SocketMargin, &smooth);
     recording::write(&shaken, &path).unwrap();
     let s = read(&path).0.signals;
-    for (t, m) in s.t.iter().zip(s.socket_margin.unwrap()) {
+    for (t, m) in s.t.iter().zip(margins(&s)) {
         assert!((m[11] - 100.0 - 50.0 * (6.0 * t).sin()).abs() < 1e-6, "at {t}");
     }
 }
@@ -752,7 +756,7 @@ fn constant_margins_are_not_remarked() {
     let folder = folder();
     let path = folder.path().join("run.mcap");
     let mut written = run(300);
-    written.signals.socket_margin.as_mut().unwrap().iter_mut().for_each(|m| m[3] = 0.0);
+    written.signals.get_mut(Channel::SocketMargin(3)).unwrap().fill(0.0);
     recording::write(&written, &path).unwrap();
     let (back, warnings) = read(&path);
     assert_eq!(back, written);

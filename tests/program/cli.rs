@@ -351,7 +351,7 @@ fn recordings_as_parquet() {
     done(&["export", &mcap, "-o", &table]);
     let table = deltatwin_study::campaign::parquet::Reader::open(Path::new(&table)).unwrap();
     let (recording, _) = deltatwin_io::recording::read(Path::new(&mcap), None).unwrap();
-    let expected: Vec<f64> = recording.signals.tau.iter().map(|tau| tau[1]).collect();
+    let expected: Vec<f64> = recording.signals.tau().iter().map(|tau| tau[1]).collect();
     let table = table.table().unwrap();
     assert_eq!(table.numbers(table.column("tau2").unwrap()), expected);
 }

@@ -9,6 +9,7 @@ use assert_cmd::Command;
 use common::model;
 use deltatwin::effects::Kind;
 use deltatwin::identification::{Dataset, fit};
+use deltatwin::recording::Channel;
 use deltatwin_io::recording;
 use deltatwin_validation::demo::hide;
 use deltatwin_validation::exam::{self, Campaign, Case, Grade, MotionKind, Noise, Size, campaign, folder, judge};
@@ -132,14 +133,14 @@ fn a_campaign_follows_from_its_case() {
     let (first, again) = (made(&case), made(&case));
     assert_eq!(first.measurement, again.measurement);
     assert_eq!(first.validation, again.validation);
-    assert!(first.measurement.signals.strut_upper.iter().all(Option::is_none));
-    assert_ne!(first.measurement.signals.q, first.validation.signals.q);
+    assert!(first.measurement.signals.get(Channel::StrutUpper(0)).is_none());
+    assert_ne!(first.measurement.signals.q(), first.validation.signals.q());
     // The noise changes nothing but the noise.
     let white = made(&Case { noise: Noise::White, ..case.clone() });
-    assert_eq!(white.measurement.signals.q, first.measurement.signals.q);
+    assert_eq!(white.measurement.signals.q(), first.measurement.signals.q());
     assert_eq!(white.hidden[0].active.values, first.hidden[0].active.values);
-    assert_ne!(white.measurement.signals.tau, first.measurement.signals.tau);
-    assert_ne!(made(&Case { seed: 8, ..case }).measurement.signals.q, first.measurement.signals.q);
+    assert_ne!(white.measurement.signals.tau(), first.measurement.signals.tau());
+    assert_ne!(made(&Case { seed: 8, ..case }).measurement.signals.q(), first.measurement.signals.q());
 }
 
 #[test]
@@ -157,8 +158,9 @@ fn a_folder_is_read_back() {
     assert!((1.2..1.6).contains(&truth.rise.unwrap()) || truth.limited, "{truth:?}");
     let (back, warnings) = recording::read(&folder.join("measurement.csv"), None).unwrap();
     assert!(warnings.is_empty(), "{warnings:?}");
-    assert_eq!((back.signals.q, back.signals.tau), (c.measurement.signals.q, c.measurement.signals.tau));
-    assert_eq!((back.signals.strut_upper, back.setup), (c.measurement.signals.strut_upper, c.measurement.setup));
+    assert_eq!((back.signals.q(), back.signals.tau()), (c.measurement.signals.q(), c.measurement.signals.tau()));
+    let sensor = Channel::StrutUpper(0);
+    assert_eq!((back.signals.get(sensor), back.setup), (c.measurement.signals.get(sensor), c.measurement.setup));
     assert_eq!(folder::campaigns(dir.path()).unwrap(), std::slice::from_ref(&folder));
     assert_eq!(folder::read_answer(&folder).unwrap(), None);
 }

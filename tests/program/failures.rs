@@ -63,7 +63,7 @@ fn a_law_without_a_number_is_named_where_it_is_first_met() {
     // The twin: the sample at which the law ends is the last one written.
     says(&ends(&["simulate", text(&scenario), "-o", text(&recording)], 1));
     let written = recording::read(&recording, None).unwrap().0.signals;
-    assert!(written.len() > 50 && written.q.iter().all(|q| q[0] > 0.099), "{}", written.len());
+    assert!(written.len() > 50 && written.q().iter().all(|q| q[0] > 0.099), "{}", written.len());
     // Predictions along a measured motion, and constraint forces.
     let whole = folder.path().join("whole.csv");
     let plain = TempDir::new().unwrap();

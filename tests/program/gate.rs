@@ -9,13 +9,14 @@ use std::fs;
 use std::path::Path;
 
 use common::{encoded, model, planned};
-use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::gate::{Finding, Problem, Remedy, combined, examine};
 use deltatwin::identification::{Dataset, predict};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::{Payload, Setup};
 use deltatwin::model::Model;
+use deltatwin::recording::Channel;
 use deltatwin::recording::{Recording, Signals};
 use deltatwin_io::recording::{self, Mapping, Reading};
 use deltatwin_validation::exam::motion::Motion;
@@ -59,12 +60,8 @@ fn measured(robot: &Model, motion: &Motion, payload: Payload, seed: u64) -> Reco
     let torque = predict(&Plant::new(robot, &setup), &exact).expect("a possible motion");
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut noisy = |i: usize, k: usize| torque[i][k] + Normal::new(0.0, NOISE[i]).expect("a width").sample(&mut rng);
-    let signals = Signals {
-        q: encoded(robot, &exact.joints),
-        tau: (0..n).map(|k| std::array::from_fn(|i| noisy(i, k))).collect(),
-        t: exact.t,
-        ..Signals::default()
-    };
+    let tau: Vec<_> = (0..n).map(|k| std::array::from_fn(|i| noisy(i, k))).collect();
+    let signals = Signals::of_drives(robot.mechanism, exact.t, &encoded(robot, &exact.joints), &tau);
     Recording { name: "measured".into(), signals, setup }
 }
 
@@ -98,7 +95,11 @@ fn found_and_mended(change: impl Fn(&mut Signals)) -> Vec<Finding> {
 }
 
 fn each(signals: &mut Signals, change: impl Fn(&mut [f64; 4], &mut [f64; 4])) {
-    signals.q.iter_mut().zip(&mut signals.tau).for_each(|(q, tau)| change(q, tau));
+    let mut q: Vec<_> = signals.q().iter().collect();
+    let mut tau: Vec<_> = signals.tau().iter().collect();
+    q.iter_mut().zip(&mut tau).for_each(|(q, tau)| change(q, tau));
+    signals.set_rows(Channel::Angle, &q);
+    signals.set_rows(Channel::Torque, &tau);
 }
 
 #[test]
@@ -234,8 +235,8 @@ fn a_zero_between_the_tried_ones_is_named_and_mended() {
 fn a_lag_is_named_and_mended() {
     common::at_root();
     let found = found_and_mended(|s| {
-        let late: Vec<[f64; 4]> = (0..s.tau.len()).map(|k| s.tau[k.saturating_sub(4)]).collect();
-        s.tau = late;
+        let late: Vec<[f64; 4]> = (0..s.len()).map(|k| s.tau().at(k.saturating_sub(4))).collect();
+        s.set_rows(Channel::Torque, &late);
     });
     assert_eq!(problems(&found), [(None, Problem::Lag)]);
     assert!(!found[0].severe);
@@ -246,10 +247,12 @@ fn a_lag_is_named_and_mended() {
 /// The torques through a low-pass of first order.
 fn low_passed(s: &mut Signals, frequency: f64) {
     let share = 1.0 - (-std::f64::consts::TAU * frequency * PERIOD).exp();
-    let mut y = s.tau[0];
-    for tau in &mut s.tau {
-        y = std::array::from_fn(|i| y[i] + share * (tau[i] - y[i]));
-        *tau = y;
+    for series in s.torques_mut() {
+        let mut y = series[0];
+        for tau in series {
+            y += share * (*tau - y);
+            *tau = y;
+        }
     }
 }
 
@@ -384,8 +387,10 @@ fn another_robots_model_is_told() {
 }
 
 fn torque_rms(recording: &Recording) -> [f64; 4] {
-    let tau = &recording.signals.tau;
-    std::array::from_fn(|i| (tau.iter().map(|t| t[i] * t[i]).sum::<f64>() / tau.len() as f64).sqrt())
+    std::array::from_fn(|i| {
+        let tau = &recording.signals[Channel::Torque(i)];
+        (tau.iter().map(|t| t * t).sum::<f64>() / tau.len() as f64).sqrt()
+    })
 }
 
 /// What the diagnosis is there to find must reach it, at any size that occurs.
@@ -433,8 +438,8 @@ fn other_names_and_units_are_the_same_recording() {
     }
     for k in 0..s.len() {
         text += &format!("\n{}", 1_700_000_000_000_000_000u64 + (s.t[k] * 1e9).round() as u64);
-        s.q[k].iter().for_each(|q| text += &format!(";{:?}", q.to_degrees()));
-        s.tau[k].iter().for_each(|tau| text += &format!(";{:?}", 1e3 * tau));
+        s.q().at(k).iter().for_each(|q| text += &format!(";{:?}", q.to_degrees()));
+        s.tau().at(k).iter().for_each(|tau| text += &format!(";{:?}", 1e3 * tau));
     }
     fs::write(&file, text).unwrap();
     // No word for time that is known, no unit.
@@ -446,8 +451,8 @@ fn other_names_and_units_are_the_same_recording() {
     for k in 0..s.len() {
         assert!((back.signals.t[k] - s.t[k]).abs() < 1e-12);
         for i in 0..4 {
-            assert!((back.signals.q[k][i] - s.q[k][i]).abs() < 1e-12);
-            assert!((back.signals.tau[k][i] - s.tau[k][i]).abs() < 1e-9);
+            assert!((back.signals.q().at(k)[i] - s.q().at(k)[i]).abs() < 1e-12);
+            assert!((back.signals.tau().at(k)[i] - s.tau().at(k)[i]).abs() < 1e-9);
         }
     }
 }
@@ -511,12 +516,12 @@ fn compare_has_one_sentence_for_one_cause() {
 fn torques_without_their_weight_are_named() {
     let robot = robot(5);
     let mut recording = measured(&robot, &motion(5), Payload::default(), 5);
-    let still = |q: &[f64; 4]| JointState { q: *q, qd: [0.0; 4], qdd: [0.0; 4] };
-    let poses = recording.signals.q.iter().map(still).collect();
+    let still = |q: [f64; 4]| JointState { q, qd: [0.0; 4], qdd: [0.0; 4] };
+    let poses = recording.signals.q().iter().map(still).collect();
     let statics = planned(Setup::default(), recording.signals.t.clone(), poses, PERIOD);
     let weight = predict(&Plant::new(&robot, &Setup::default()), &statics).expect("possible poses");
-    for (k, tau) in recording.signals.tau.iter_mut().enumerate() {
-        tau.iter_mut().enumerate().for_each(|(i, tau)| *tau -= weight[i][k]);
+    for (tau, weight) in recording.signals.torques_mut().zip(&weight) {
+        tau.iter_mut().zip(weight).for_each(|(tau, weight)| *tau -= weight);
     }
     let found = examine(&nominal(), &Dataset::new(&recording));
     assert_eq!(problems(&found), [(None, Problem::GravityRemoved)], "{found:?}");

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::dynamics::Plant;
 use deltatwin::gate::{Finding, Problem, inspect};
 use deltatwin::identification::bandwidth::{bandwidth, narrow};
 use deltatwin::identification::derivatives::Method;
@@ -10,6 +10,7 @@ use deltatwin::identification::zeros::{Zero, zeros};
 use deltatwin::identification::{Dataset, FitError, check_together};
 use deltatwin::machine::{Mechanism, Unit};
 use deltatwin::model::Model;
+use deltatwin::recording::Channel;
 use deltatwin::recording::Recording;
 use deltatwin::text::{nearest, significant};
 use deltatwin_io::recording::{self, Mapping, ReadError, Reading};
@@ -160,6 +161,11 @@ impl Data {
         let Some(name) = held.iter().find(|name| !own.contains(&name.as_str())) else { return Ok(()) };
         let hint = nearest(name, own.iter().copied()).map_or(String::new(), |n| format!("; did you mean `{n}`?"));
         Err(miette!("--hold {name}: the model has no such effect; expected one of {}{hint}", own.join(", ")))
+    }
+
+    /// Kind of machine of all datasets.
+    pub fn mechanism(&self) -> Mechanism {
+        self.datasets.first().map_or_else(Mechanism::default, |dataset| dataset.mechanism)
     }
 
     /// Channels of all datasets.

@@ -43,7 +43,7 @@ pub fn json(d: &Diagnosis, model: Option<&Path>, scenario: Option<&Path>) -> Val
 /// The residual above the noise: channels with their ratio, and a description where no formula was found.
 fn left(d: &Diagnosis) -> Value {
     let channel = |(channel, ratio)| json!({"channel": format!("{channel}"), "ratio": ratio});
-    let channels: Vec<(deltatwin::dynamics::Channel, f64)> = d.left.channels(&d.channels);
+    let channels: Vec<(deltatwin::recording::Channel, f64)> = d.left.channels(&d.channels);
     let looks = d.left.sight.as_ref();
     let looks = looks.map(|r| json!({"location": r.location, "shape": unexplained::shape(&r.shape, r.unit)}));
     let pattern = |p: &deltatwin::comparison::Finding| json!({"channel": p.channel.to_string(), "place": p.place, "share": p.share, "sentence": p.sentence});
@@ -143,5 +143,5 @@ fn much(d: &Diagnosis) -> String {
         1 => String::new(),
         n => format!(" and more than 1.15 times on {} other{}", n - 1, if n == 2 { "" } else { "s" }),
     };
-    format!("{} times the noise is left on {}{others}", significant(*ratio, 2), worst.title())
+    format!("{} times the noise is left on {}{others}", significant(*ratio, 2), worst.title(d.model.mechanism))
 }

@@ -4,9 +4,9 @@ use serde_json::{Value, json};
 use thiserror::Error;
 
 use crate::data::Data;
-use deltatwin::dynamics::Channel;
 use deltatwin::gate::{Finding, Remedy, combined, examine};
 use deltatwin::model::Model;
+use deltatwin::recording::Channel;
 use deltatwin::text::significant;
 
 /// Ratio of residual to noise above which a fit is no answer.

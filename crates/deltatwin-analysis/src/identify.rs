@@ -5,12 +5,12 @@ use std::path::Path;
 use serde_json::{Map, Value, json};
 
 use crate::json::{channel_names, estimates, insert_channels, insert_held_out, path};
-use deltatwin::dynamics::Channel;
 use deltatwin::identification::consistency::min_eigenvalue;
 use deltatwin::identification::fit::{Moved, Unidentified};
 use deltatwin::identification::{BaseParameter, Fit, HeldOut, LimbTest};
 use deltatwin::machine::bodies::{Inertia, body_name};
 use deltatwin::model::Model;
+use deltatwin::recording::Channel;
 
 /// A fit with the errors that it leaves.
 #[derive(Clone)]

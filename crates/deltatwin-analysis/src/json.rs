@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
-use deltatwin::dynamics::Channel;
 use deltatwin::identification::{Estimate, HeldOut};
+use deltatwin::recording::Channel;
 
 /// A path as JSON.
 pub fn path(path: &Path) -> Value {

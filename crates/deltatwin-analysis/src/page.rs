@@ -6,10 +6,11 @@ use crate::identify::Identification;
 use crate::run::Analysis;
 use deltatwin::comparison::Comparison;
 use deltatwin::diagnosis::{Addition, Diagnosis, Verdict};
-use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::dynamics::Plant;
 use deltatwin::gate::Finding;
 use deltatwin::identification::{Dataset, Estimate, FitError};
 use deltatwin::model::Model;
+use deltatwin::recording::Channel;
 use deltatwin::text::significant;
 use deltatwin_report::component::errors::Errors;
 use deltatwin_report::component::signals::Signals;
@@ -54,7 +55,10 @@ pub fn of_run(a: &Analysis, model: &Model, data: &Data, origin: &Origin) -> Resu
         models.push(Stage { name: "effect added", model: &d.model });
     }
     let held_out = !data.held_out.is_empty();
-    errors::add(&mut page, &Errors { channels: &d.channels, stages, noise_floor: &d.noise_floor, held_out });
+    errors::add(
+        &mut page,
+        &Errors { mechanism: d.model.mechanism, channels: &d.channels, stages, noise_floor: &d.noise_floor, held_out },
+    );
     warnings(&mut page, &[&origin.warnings[..], &a.warnings].concat(), &a.gate);
     residuals(&mut page, &models, data, &d.noise_floor)?;
     findings(&mut page, &a.identified, "Where the identified model fails");
@@ -88,7 +92,7 @@ fn stages_of_run(a: &Analysis) -> Vec<(&str, &[f64])> {
 pub fn errors_figure(a: &Analysis) -> Figure {
     let (names, errors): (Vec<&str>, Vec<&[f64]>) = stages_of_run(a).into_iter().unzip();
     let group = |(c, channel): (usize, &Channel)| ErrorGroup {
-        name: channel.title(),
+        name: channel.title(a.diagnosis.model.mechanism),
         values: errors.iter().map(|rms| rms[c]).collect(),
         floor: a.diagnosis.noise_floor.get(c).copied(),
     };
@@ -119,7 +123,7 @@ pub fn of_comparison(
         models.push(Stage { name, model: other });
         stages.push((name, &left.rms));
     }
-    errors::add(&mut page, &Errors { channels: &c.channels, stages, noise_floor, held_out });
+    errors::add(&mut page, &Errors { mechanism: c.mechanism, channels: &c.channels, stages, noise_floor, held_out });
     warnings(&mut page, &origin.warnings, &[]);
     residuals(&mut page, &models, data, noise_floor)?;
     findings(&mut page, c, "Where the model fails");
@@ -143,7 +147,10 @@ pub fn of_identification(
     let delivered = before.judged().0;
     let stages: Vec<(&str, &[f64])> = vec![("delivered", delivered), ("identified", rms)];
     let held_out = i.held_out.is_some();
-    errors::add(&mut page, &Errors { channels: &i.channels, stages, noise_floor, held_out });
+    errors::add(
+        &mut page,
+        &Errors { mechanism: i.fitted.model.mechanism, channels: &i.channels, stages, noise_floor, held_out },
+    );
     warnings(&mut page, &origin.warnings, &[]);
     let models = [Stage { name: "delivered", model }, Stage { name: "identified", model: &i.fitted.model }];
     residuals(&mut page, &models, data, noise_floor)?;
@@ -167,7 +174,10 @@ pub fn of_diagnosis(d: &Diagnosis, model: &Model, data: &Data, origin: &Origin) 
         models.push(Stage { name: "effect added", model: &d.model });
     }
     let held_out = d.budget.held_out;
-    errors::add(&mut page, &Errors { channels: &d.channels, stages, noise_floor: &d.noise_floor, held_out });
+    errors::add(
+        &mut page,
+        &Errors { mechanism: d.model.mechanism, channels: &d.channels, stages, noise_floor: &d.noise_floor, held_out },
+    );
     warnings(&mut page, &origin.warnings, &[]);
     residuals(&mut page, &models, data, &d.noise_floor)?;
     diagnosed(&mut page, d);
@@ -190,7 +200,13 @@ pub fn of_addition(a: &Addition, model: &Model, data: &Data, origin: &Origin) ->
     let stages: Vec<(&str, &[f64])> = vec![("refitted", &b.rms_before), ("effect added", b.rms_after())];
     errors::add(
         &mut page,
-        &Errors { channels: &b.channels, stages, noise_floor: &b.noise_floor, held_out: b.held_out },
+        &Errors {
+            mechanism: b.mechanism,
+            channels: &b.channels,
+            stages,
+            noise_floor: &b.noise_floor,
+            held_out: b.held_out,
+        },
     );
     warnings(&mut page, &origin.warnings, &[]);
     let models = [Stage { name: "as given", model }, Stage { name: "effect added", model: &a.fit.model }];

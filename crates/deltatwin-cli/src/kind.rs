@@ -9,7 +9,7 @@ use deltatwin::identification::{Dataset, swapped};
 use deltatwin::machine::{Configuration, Setup};
 use deltatwin::model::{Model, summary};
 use deltatwin::planner::Limits;
-use deltatwin::recording::Recording;
+use deltatwin::recording::{Channel, Recording};
 use deltatwin_analysis::data::warning;
 use deltatwin_io::kind::{Kind, kind};
 use deltatwin_io::outside::Access;
@@ -167,7 +167,7 @@ fn recording(path: &Path, &Examination { how, model, payload_mass }: &Examinatio
     }
     let s = &recording.signals;
     let duration = s.t.last().zip(s.t.first()).map_or(0.0, |(b, a)| b - a);
-    let forces = s.strut_upper.iter().chain(&s.strut_lower).flatten().count();
+    let forces = s.series().filter(|(c, _)| matches!(c, Channel::StrutUpper(_) | Channel::StrutLower(_))).count();
     let axes = match s.mechanism.axes() {
         1 => "one axis".to_string(),
         n => format!("{n} axes"),

@@ -9,9 +9,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use miette::{IntoDiagnostic, WrapErr, miette};
 use serde_json::{Value, json};
 
-use deltatwin::dynamics::Channel;
 use deltatwin::machine::Mechanism;
 use deltatwin::model::Model;
+use deltatwin::recording::Channel;
 use deltatwin::text::significant;
 use deltatwin_analysis::Inputs;
 use deltatwin_analysis::folder::Input;
@@ -218,14 +218,18 @@ impl Table {
     }
 
     /// Table of per-channel values with unit, one row per channel; missing series have no column.
-    pub fn of_channels(channels: &[Channel], series: &[(&str, Option<&[f64]>)]) -> Self {
+    pub fn of_channels(machine: Mechanism, channels: &[Channel], series: &[(&str, Option<&[f64]>)]) -> Self {
         let series: Vec<_> = series.iter().filter_map(|(title, v)| v.map(|v| (*title, v))).collect();
         let header: Vec<&str> =
             std::iter::once("RMS error").chain(series.iter().map(|s| s.0)).chain(std::iter::once("")).collect();
         let mut table = Self::new(&header, &[series.len() + 1]);
         for (c, &channel) in channels.iter().enumerate() {
             let values = series.iter().map(|(_, v)| significant(v[c], 4));
-            table.row(std::iter::once(channel.title()).chain(values).chain(std::iter::once(channel.unit().into())));
+            table.row(
+                std::iter::once(channel.title(machine))
+                    .chain(values)
+                    .chain(std::iter::once(channel.unit(machine).to_string())),
+            );
         }
         table
     }

@@ -155,13 +155,12 @@ fn lasting(bytes: &[u8], seconds: &str) -> Vec<u8> {
 /// Half a second of the robot.
 fn recording() -> deltatwin::recording::Recording {
     let t: Vec<f64> = (0..600).map(|i| f64::from(i * 4) / 1e4).collect();
-    let axes = |f: &dyn Fn(f64, f64) -> f64| t.iter().map(|t| std::array::from_fn(|k| f(k as f64, *t))).collect();
-    let signals = deltatwin::recording::Signals {
-        q: axes(&|k, t| 0.4 + 0.2 * ((20.0 + k) * t).sin()),
-        tau: axes(&|k, t| 20.0 * ((20.0 + k) * t).cos() + (1e4 * t).sin()),
-        t,
-        ..Default::default()
+    let axes = |f: &dyn Fn(f64, f64) -> f64| -> Vec<[f64; 4]> {
+        t.iter().map(|t| std::array::from_fn(|k| f(k as f64, *t))).collect()
     };
+    let q = axes(&|k, t| 0.4 + 0.2 * ((20.0 + k) * t).sin());
+    let tau = axes(&|k, t| 20.0 * ((20.0 + k) * t).cos() + (1e4 * t).sin());
+    let signals = deltatwin::recording::Signals::of_drives(Default::default(), t, &q, &tau);
     deltatwin::recording::Recording { name: "run".into(), signals, ..Default::default() }
 }
 

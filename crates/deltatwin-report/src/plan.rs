@@ -1,8 +1,9 @@
 //! Page of a plan.
 
+use deltatwin::machine::STRUTS;
 use deltatwin::planner::validation::Execution;
 use deltatwin::planner::{Plan, Task};
-use deltatwin::recording::Recording;
+use deltatwin::recording::{Channel, Recording};
 use deltatwin::text::significant;
 
 use crate::html::{Callout, Report};
@@ -100,7 +101,7 @@ fn headline(report: &mut Report, page: &PlanPage) {
         let places = format!("{limit}; checked at {} places", plan.uses.len());
         tiles.push([format!("{:.2} %", 1e2 * ratio), "largest use of a limit".into(), places]);
     }
-    let forces = planned.signals.strut_upper.iter().flatten().flatten();
+    let forces = planned.signals.rows::<STRUTS>(Channel::StrutUpper).iter().flatten();
     let peak = forces.fold(0.0_f64, |most, f| most.max(f.abs()));
     if peak > 0.0 {
         let usable = (1.0 - task.limits.margin) * task.limits.strut_upper;

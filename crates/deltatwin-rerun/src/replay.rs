@@ -261,18 +261,16 @@ mod tests {
     fn a_residual_of_known_size_has_the_known_number_of_sigmas() {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/irb360-6-1600.toml");
         let model = deltatwin_io::model::read(&file).unwrap();
-        let signals = Signals {
-            t: (0..2_500).map(|k| f64::from(k) * 4e-4).collect(),
-            q: vec![[0.3, 0.4, 0.5, 0.2]; 2_500],
-            tau: vec![[0.0; AXES]; 2_500],
-            ..Signals::default()
-        };
+        let t = (0..2_500).map(|k| f64::from(k) * 4e-4).collect();
+        let signals = Signals::of_drives(model.mechanism, t, &[[0.3, 0.4, 0.5, 0.2]; 2_500], &[[0.0; AXES]; 2_500]);
         let setup = Setup { torque_noise: Some([0.1; AXES]), ..Setup::default() };
         let mut recording = Recording { signals, setup, ..Recording::default() };
         let plant = Plant::new(&model, &recording.setup);
         let predicted = predict(&plant, &Dataset::new(&recording)).unwrap();
         let off = [0.5, 0.0, -0.2, 0.0];
-        recording.signals.tau.fill(std::array::from_fn(|i| predicted[i][0] + off[i]));
+        for (tau, (predicted, off)) in recording.signals.torques_mut().zip(predicted.iter().zip(off)) {
+            tau.fill(predicted[0] + off);
+        }
         let replay =
             Replay { recording: &recording, contacts: &[], model: &model, beside: None, access: Access::PROJECT };
         let assets = Assets::of(&model, replay.access).unwrap();

@@ -11,7 +11,7 @@ use crate::scene::{
 use deltatwin::dynamics::Plant;
 use deltatwin::machine::bodies::BODIES;
 use deltatwin::machine::{Part, STRUTS};
-use deltatwin::recording::{Recording, Signals};
+use deltatwin::recording::{Channel, Recording, Signals};
 use deltatwin::scenario::DesiredMotion;
 use deltatwin::twin::origin::note;
 use deltatwin::twin::{Event, Frame, Options, Report};
@@ -80,7 +80,7 @@ impl Stage {
         let times: Vec<f64> = frames.iter().map(|f| f.t).collect();
         let mut series = Vec::new();
         for s in 0..STRUTS {
-            let known = [&signals.strut_upper, &signals.strut_lower].map(|sensors| sensors[s].is_some());
+            let known = [Channel::StrutUpper(s), Channel::StrutLower(s)].map(|end| signals.get(end).is_some());
             match known {
                 [true, true] => {}
                 [false, false] => {
@@ -94,7 +94,7 @@ impl Stage {
                 }
             }
         }
-        if signals.socket_margin.is_none() {
+        if signals.get(Channel::SocketMargin(0)).is_none() {
             let margins: Vec<_> = frames.iter().map(|f| f.socket_margin).collect();
             series.push(socket_margins(&times, &margins));
         }

@@ -93,9 +93,10 @@ impl Task {
 
     fn errors(&self, rms: Vec<f64>, noise_floor: Vec<f64>) -> Errors {
         let channels = self.data.channels();
+        let machine = self.data.mechanism();
         Errors {
-            channels: channels.iter().map(|c| c.title()).collect(),
-            units: channels.iter().map(|c| c.unit().to_string()).collect(),
+            channels: channels.iter().map(|c| c.title(machine)).collect(),
+            units: channels.iter().map(|c| c.unit(machine).to_string()).collect(),
             rms,
             noise_floor,
             held_out: self.held_out(),
@@ -261,7 +262,9 @@ fn locate_in(task: &Task, model: &Model, version: usize, what: &Version) -> miet
     page::findings(&mut report, &comparison, "Where the model fails");
     page::residuals(&mut report, &stages, &task.data, &comparison.noise_floor).into_diagnostic()?;
     let message = match comparison.worst() {
-        Some((channel, ratio)) => format!("{}: {} times the noise.", channel.title(), significant(ratio, 3)),
+        Some((channel, ratio)) => {
+            format!("{}: {} times the noise.", channel.title(comparison.mechanism), significant(ratio, 3))
+        }
         None => "The noise is not known.".into(),
     };
     let command = task.command_on(&what.file, "compare", &[], &["--report", "where.html"]);

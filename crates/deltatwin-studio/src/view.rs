@@ -7,6 +7,7 @@ use deltatwin::effects::REGISTRY;
 use deltatwin::effects::formula::{Place, Variable};
 use deltatwin::machine::Setup;
 use deltatwin::model::Model;
+use deltatwin::recording::Channel;
 use deltatwin_analysis::law;
 use deltatwin_io::recording::{Mapping, Preview, Reading, preview};
 use deltatwin_io::{model, recording};
@@ -89,20 +90,14 @@ fn numbers(stretches: &[[f64; 2]]) -> Value {
 /// Channels of a recording in the form of columns.
 fn channels(recording: &deltatwin::recording::Recording) -> Value {
     let s = &recording.signals;
-    let stretch = |series: &dyn Fn(usize) -> f64| {
-        let size = s.len().div_ceil(400).max(1);
-        let ends = |start: usize| {
-            let values = (start..(start + size).min(s.len())).map(series);
-            values.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], x| [a.min(x), b.max(x)])
-        };
-        numbers(&(0..s.len()).step_by(size).map(ends).collect::<Vec<_>>())
+    let ends =
+        |values: &[f64]| values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], x| [a.min(*x), b.max(*x)]);
+    let column = |(channel, values): (Channel, &[f64])| {
+        let stretches: Vec<_> = values.chunks(values.len().div_ceil(400).max(1)).map(ends).collect();
+        let name = channel.to_string();
+        json!({"name": name, "channel": name, "stretches": numbers(&stretches), "first": []})
     };
-    let axes = 0..s.mechanism.axes();
-    let column =
-        |name: String, stretches: Value| json!({"name": name, "channel": name, "stretches": stretches, "first": []});
-    let angles = axes.clone().map(|i| column(format!("q{}", i + 1), stretch(&|k| s.q[k][i])));
-    let torques = axes.map(|i| column(format!("tau{}", i + 1), stretch(&|k| s.tau[k][i])));
-    angles.chain(torques).collect()
+    s.series().filter(|(channel, _)| matches!(channel, Channel::Angle(_) | Channel::Torque(_))).map(column).collect()
 }
 
 /// Longest law that is looked at while it is typed, bytes.

@@ -33,7 +33,7 @@ pub fn write(recording: &Recording, out: impl Write + Send) -> Result<(), Parque
 
 #[cfg(test)]
 mod tests {
-    use deltatwin::machine::{Joint, Mechanism};
+    use deltatwin::machine::Joint;
     use deltatwin::recording::Signals;
 
     use super::*;
@@ -41,14 +41,9 @@ mod tests {
 
     #[test]
     fn every_sample_comes_back_bit_by_bit_with_units_and_setup() {
-        let signals = Signals {
-            mechanism: Mechanism::axis(Joint::Revolute),
-            start: Some(1_700_000_000_000_000_000),
-            t: vec![0.0, 4e-4, 8e-4],
-            q: [0.1, 0.1 + 1e-16, -3.0].map(|q| [q, 9.0, 9.0, 9.0]).into(),
-            tau: [1.0, f64::MIN_POSITIVE, -0.0].map(|tau| [tau, 9.0, 9.0, 9.0]).into(),
-            ..Signals::default()
-        };
+        let rows = [[0.0, 0.1, 1.0], [4e-4, 0.1 + 1e-16, f64::MIN_POSITIVE], [8e-4, -3.0, -0.0]];
+        let mut signals = Signals::of_axis(Joint::Revolute, &rows);
+        signals.start = Some(1_700_000_000_000_000_000);
         let recording = Recording { name: "run".into(), signals, setup: Default::default() };
         let mut bytes = Vec::new();
         write(&recording, &mut bytes).unwrap();

@@ -20,7 +20,7 @@ use crate::machine::{
 use crate::model::history::rounded_to;
 use crate::model::{Meshes, Model};
 use crate::numerics::deviation;
-use crate::recording::Recording;
+use crate::recording::{Channel, Recording};
 use crate::text::significant;
 
 /// Standard errors beyond which gravity is significant, share of the torque's variance that it must explain, and
@@ -90,7 +90,9 @@ fn join(
         let names = [zero.recording, 0].map(|r| recordings[r].name.as_str());
         remarks.push(format!("{}.", zero.sentence(names, mechanism.unit(Unit::Rad))));
         datasets[zero.recording].shift(0, zero.offset);
-        joined[zero.recording].signals.q.iter_mut().for_each(|q| q[0] += zero.offset);
+        if let Some(q) = joined[zero.recording].signals.get_mut(Channel::Angle(0)) {
+            q.iter_mut().for_each(|q| *q += zero.offset);
+        }
     }
     joined
 }
@@ -132,7 +134,7 @@ impl Own<'_> {
 
     /// Limits of the position.
     fn travel(&mut self, remarks: &mut Vec<String>) -> [f64; 2] {
-        let positions = self.recordings.iter().flat_map(|r| r.signals.q.iter().map(|q| q[0]));
+        let positions = self.recordings.iter().flat_map(|r| r.signals[Channel::Angle(0)].iter().copied());
         let travel = widened(positions).map(|x| rounded_to(x.clamp(-FARTHEST, FARTHEST), 4));
         let turns = (travel[1] - travel[0]) / std::f64::consts::TAU;
         if self.mechanism.joint() == Joint::Revolute && turns > 2.0 {
@@ -419,7 +421,7 @@ mod tests {
 
     /// τ = 0.02·q̈ + 0.3·tanh(k·q̇) + 0.05·q̇ + 0.4·sin(q) along a sum of sines, without noise.
     fn pendulum(zero: f64, steepness: f64) -> Recording {
-        let mut signals = Signals { mechanism: Mechanism::axis(Joint::Revolute), ..Signals::default() };
+        let mut samples = Vec::new();
         let waves = [(0.8, 2.1), (0.3, 5.3), (0.1, 11.0)];
         for k in 0..20_000 {
             let t = f64::from(k) * 5e-4;
@@ -428,10 +430,9 @@ mod tests {
             let qd = sum(&|a, w| a * w * (w * t).cos());
             let qdd = sum(&|a, w| -a * w * w * (w * t).sin());
             let tau = 0.02 * qdd + 0.3 * smooth_sign(qd, steepness) + 0.05 * qd + 0.4 * q.sin();
-            signals.t.push(t);
-            signals.q.push([q - zero, 0.0, 0.0, 0.0]);
-            signals.tau.push([tau, 0.0, 0.0, 0.0]);
+            samples.push([t, q - zero, tau]);
         }
+        let signals = Signals::of_axis(Joint::Revolute, &samples);
         Recording { name: "pendulum".into(), signals, ..Recording::default() }
     }
 
@@ -463,7 +464,7 @@ mod tests {
     #[test]
     fn a_machine_at_rest_gives_no_model() {
         let mut still = pendulum(0.0, 100.0);
-        still.signals.q.iter_mut().for_each(|q| q[0] = 0.25);
+        still.signals.get_mut(Channel::Angle(0)).unwrap().fill(0.25);
         assert!(matches!(axis("still", &[still], None), Err(InitialError::NoMotion)));
         assert!(matches!(axis("none", &[], None), Err(InitialError::NoMotion)));
     }

@@ -76,7 +76,7 @@ impl Own<'_> {
 
     /// Travel of the arms, within the template's stops and around the home pose.
     fn travel(&mut self) {
-        let angles = self.recordings.iter().flat_map(|r| r.signals.q.iter().flat_map(|q| q[..ARMS].to_vec()));
+        let angles = self.recordings.iter().flat_map(|r| r.signals.q().iter().flat_map(|q| q[..ARMS].to_vec()));
         let mut limits = widened(angles);
         if self.model.stops != Stops::NONE {
             let [low, high] = self.model.stops.arm;

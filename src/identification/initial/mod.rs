@@ -18,7 +18,7 @@ use thiserror::Error;
 use crate::effects::Unit;
 use crate::identification::filtering::noise_level;
 use crate::model::Model;
-use crate::recording::Recording;
+use crate::recording::{Channel, Recording};
 
 /// A model with the origin of its numbers.
 #[derive(Clone)]
@@ -113,11 +113,11 @@ fn rounded_up(x: f64, digits: i32) -> f64 {
 
 /// Encoder step of an axis over all recordings, rad or m; `None` if its angles have none.
 fn encoder_step(recordings: &[Recording], axis: usize) -> Option<f64> {
-    let each: Vec<Vec<f64>> = recordings
-        .iter()
-        .flat_map(|r| r.signals.stretches().into_iter().map(|s| r.signals.q[s].iter().map(|q| q[axis]).collect()))
-        .collect();
-    quantum(&each.iter().map(Vec::as_slice).collect::<Vec<_>>())
+    let mut pieces: Vec<&[f64]> = Vec::new();
+    for signals in recordings.iter().map(|r| &r.signals) {
+        pieces.extend(signals.stretches().into_iter().map(|s| &signals[Channel::Angle(axis)][s]));
+    }
+    quantum(&pieces)
 }
 
 /// Step of an encoder whose rounding would be as large as the noise of the angles of an axis, rad or m; `None` for
@@ -125,7 +125,7 @@ fn encoder_step(recordings: &[Recording], axis: usize) -> Option<f64> {
 fn step_of_noise(recordings: &[Recording], axis: usize) -> Option<f64> {
     let of = |r: &Recording| -> Vec<Vec<f64>> {
         let series = r.signals.stretches().into_iter();
-        series.map(|s| r.signals.q[s].iter().map(|q| q[axis]).collect()).collect()
+        series.map(|s| r.signals[Channel::Angle(axis)][s].to_vec()).collect()
     };
     let noise = noise_level(&recordings.iter().flat_map(of).collect::<Vec<_>>());
     // The standard deviation of a uniform density over one step.

@@ -453,11 +453,11 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::dynamics::Channel;
     use crate::effects::{REGISTRY, rigid_bodies};
     use crate::kinematics::JointState;
     use crate::machine::Setup;
     use crate::model::testing::irb360;
+    use crate::recording::Channel;
 
     const DT: f64 = 4e-4;
     const BLOCK: usize = 5;
@@ -473,18 +473,12 @@ mod tests {
                 qdd: std::array::from_fn(|i| -wave(i).0 * wave(i).1.powi(2) * (wave(i).1 * t).sin()),
             }
         };
+        let channels = Channel::TORQUES.into_iter().chain([Channel::StrutUpper(0)]).collect();
         Dataset {
-            name: "made".into(),
-            setup: Setup::default(),
-            t: (0..2003).map(|k| k as f64 * DT).collect(),
-            joints: (0..2003).map(at).collect(),
-            channels: Channel::TORQUES.into_iter().chain([Channel::StrutUpper(0)]).collect(),
             measured: vec![(0..2003).map(f64::from).collect(); 5],
             segments: vec![0..1001, 1001..2003],
-            dt: DT,
-            readings: crate::identification::EncoderReadings::default(),
-            standing: 0.0,
             half_width: [10; 4],
+            ..Dataset::exact(Default::default(), Setup::default(), channels, DT, (0..2003).map(at).collect())
         }
     }
 

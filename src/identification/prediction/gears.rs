@@ -22,7 +22,7 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 use super::states::InternalStates;
-use super::{Channels, Joints, channel_value};
+use super::{Channels, Joints};
 use crate::dynamics::{Plant, inverse_dynamics};
 use crate::effects::{ActiveEffect, GearSpring, Kind};
 use crate::identification::Dataset;
@@ -246,7 +246,7 @@ impl<'a> Passage<'a> {
         let at = |k: usize| -> Result<Vec<[Vector3<f64>; 2]>, KinematicsError> {
             let values = |joint: &JointState| -> Result<Vec<f64>, KinematicsError> {
                 let out = inverse_dynamics(plant, dataset.t[k], &plant.motion(joint)?, &own.at(k), with_struts)?;
-                Ok(dataset.channels.iter().map(|c| channel_value(*c, &out)).collect())
+                Ok(dataset.channels.iter().map(|c| out.of(*c)).collect())
             };
             let here = values(&joints.states[k])?;
             let mut slopes = vec![[Vector3::zeros(); 2]; here.len()];

@@ -8,19 +8,7 @@ use crate::model::testing::irb360;
 const DT: f64 = 4e-4;
 
 fn dataset(joints: Vec<JointState>, setup: Setup) -> Dataset {
-    Dataset {
-        name: "made".into(),
-        setup,
-        t: (0..joints.len()).map(|k| k as f64 * DT).collect(),
-        channels: Channel::TORQUES.to_vec(),
-        measured: vec![vec![0.0; joints.len()]; AXES],
-        segments: std::iter::once(0..joints.len()).collect(),
-        dt: DT,
-        readings: crate::identification::EncoderReadings::default(),
-        standing: 0.0,
-        half_width: [3; AXES],
-        joints,
-    }
+    Dataset::exact(Default::default(), setup, Channel::TORQUES.to_vec(), DT, joints)
 }
 
 /// Arms and rotor of the shipped robot, disassembled and without friction.

@@ -2,7 +2,7 @@
 
 use super::Run;
 use crate::dynamics::Plant;
-use crate::recording::Signals;
+use crate::recording::{Channel, Signals};
 use crate::twin::{Event, Frame};
 
 /// Number of samples of a piece.
@@ -58,22 +58,19 @@ impl Reported {
         let Some([before, after]) = self.reach else { return ideal.split_off_front(ideal.len()) };
         let known = if end { ideal.len() } else { ideal.len().saturating_sub(after) };
         let earlier = self.past.len();
-        let mut window = Signals {
-            t: [&self.past.t[..], &ideal.t].concat(),
-            tau: [&self.past.tau[..], &ideal.tau].concat(),
-            ..Signals::default()
-        };
-        let (t, tau) = (ideal.t[..known].to_vec(), ideal.tau[..known].to_vec());
+        let mut torques = ideal.only(|channel| channel.drive().is_some());
+        let mut window = self.past.clone();
+        window.extend(torques.clone());
         for active in &plant.effects {
             active.observe(&mut window);
         }
         let mut out = ideal.split_off_front(known);
-        out.tau.copy_from_slice(&window.tau[earlier..earlier + known]);
-        self.past.t.extend(t);
-        self.past.tau.extend(tau);
+        for drive in Channel::of_drives(out.mechanism) {
+            out.set(drive, window[drive][earlier..earlier + known].to_vec());
+        }
+        self.past.extend(torques.split_off_front(known));
         let forgotten = self.past.len().saturating_sub(before);
-        self.past.t.drain(..forgotten);
-        self.past.tau.drain(..forgotten);
+        self.past.split_off_front(forgotten);
         out
     }
 }

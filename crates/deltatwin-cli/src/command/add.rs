@@ -104,7 +104,10 @@ fn print(a: &Addition, parameters: &[Estimate], data: &Data, verbose: bool) -> m
     }
     say(table)?;
     let b = &a.budget;
-    say(format!("\n{}", error_bars(data.channels(), b.held_out, &b.rms_before, b.rms_after(), &b.noise_floor)))?;
+    say(format!(
+        "\n{}",
+        error_bars(data.mechanism(), data.channels(), b.held_out, &b.rms_before, b.rms_after(), &b.noise_floor)
+    ))?;
     if verbose {
         budget::print(&a.budget, &a.changes, &a.fit.model.history)?;
     }

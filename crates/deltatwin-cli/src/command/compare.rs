@@ -100,7 +100,7 @@ fn print(c: &Comparison) -> miette::Result<()> {
         ("noise floor", Some(&c.noise_floor[..])),
         ("held-out noise", other_noise(&c.noise_floor, c.held_out.as_ref())),
     ];
-    say(Table::of_channels(&c.channels, &series))?;
+    say(Table::of_channels(c.mechanism, &c.channels, &series))?;
     if c.findings.is_empty() {
         return say("\n  Nothing stands out.");
     }

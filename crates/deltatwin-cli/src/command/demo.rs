@@ -9,8 +9,8 @@ use miette::{IntoDiagnostic, WrapErr};
 use serde_json::json;
 
 use crate::terminal::{origin, spinner, wrapped};
-use deltatwin::dynamics::Channel;
 use deltatwin::model::Model;
+use deltatwin::recording::Channel;
 use deltatwin::recording::Recording;
 use deltatwin::twin::origin::of_recording;
 use deltatwin_analysis::{Inputs, folder};
@@ -217,12 +217,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let args = Args { output: folder.path().into(), effect: Some("base_tilt".into()), ..Args::default() };
         let known = model::parse(MODEL, Path::new("models/irb360-6-1600.toml")).unwrap();
-        let signals = Signals {
-            t: (0..100).map(|k| f64::from(k) * 4e-4).collect(),
-            q: vec![[0.3; 4]; 100],
-            tau: vec![[0.0; 4]; 100],
-            ..Signals::default()
-        };
+        let t = (0..100).map(|k| f64::from(k) * 4e-4).collect();
+        let signals = Signals::of_drives(known.mechanism, t, &[[0.3; 4]; 100], &[[0.0; 4]; 100]);
         let file = keep(&args, &known, &Recording { name: "run".into(), signals, ..Recording::default() }).unwrap();
         let bytes = std::fs::read(&file).unwrap();
         for text in ["/tf", "/robot_description", "deltatwin demo --seed 1 --effect base_tilt", "[geometry]"] {

@@ -10,12 +10,13 @@ use serde_json::{Map, Value, json};
 use crate::data::Outside;
 use crate::terminal::{DONE, Table, assembled_robot, check_output, path, say, spinner, warn, wrapped, write_figure};
 use deltatwin::constraint_forces::{Detail, MULTIPLIERS, Multipliers, constraint_forces};
-use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::dynamics::Plant;
 use deltatwin::identification::{Dataset, residuals};
 use deltatwin::kinematics::JointState;
 use deltatwin::kinematics::motion::SOCKETS;
-use deltatwin::machine::{ARMS, STRUTS, Setup};
+use deltatwin::machine::{STRUTS, Setup};
 use deltatwin::model::Model;
+use deltatwin::recording::Channel;
 use deltatwin::text::significant;
 use deltatwin::twin::Clamps;
 use deltatwin_io::kind::{Kind, kind};
@@ -141,18 +142,14 @@ fn read(args: &Args, model: &Model) -> miette::Result<Motion> {
         return Err(miette!("{}: has too few samples to differentiate", name()));
     }
     let measured =
-        dataset.channels.iter().copied().zip(dataset.measured).filter(|(c, _)| !matches!(c, Channel::Torque(_)));
+        dataset.channels.iter().copied().zip(dataset.measured).filter(|(channel, _)| channel.drive().is_none());
     Ok(Motion { setup: dataset.setup, t: dataset.t, joints: dataset.joints, measured: measured.collect() })
 }
 
-/// Index of a measured channel among the multipliers.
+/// Index of a measured strut force among the multipliers.
 fn place(channel: Channel) -> usize {
-    match channel {
-        Channel::Torque(i) | Channel::Force(i) | Channel::Current(i, _) if i < ARMS => 18 + i,
-        Channel::Torque(_) | Channel::Force(_) | Channel::Current(..) => 5,
-        Channel::StrutLower(s) => 6 + s,
-        Channel::StrutUpper(s) => 12 + s,
-    }
+    let upper = matches!(channel, Channel::StrutUpper(_));
+    if upper { 12 + channel.index() } else { 6 + channel.index() }
 }
 
 /// Limit of the machine on multiplier `k`: drive torque (N·m), or dislocation force of a socket without pull along its

@@ -177,7 +177,7 @@ fn print(answer: &Identification) -> miette::Result<()> {
         ("noise floor", Some(&answer.noise_floor[..])),
         ("held-out noise", other_noise(&answer.noise_floor, answer.held_out.as_ref())),
     ];
-    say(format!("\n{}", Table::of_channels(&answer.channels, &series)))?;
+    say(format!("\n{}", Table::of_channels(answer.fitted.model.mechanism, &answer.channels, &series)))?;
     let structure = &fitted.structure;
     say(format!("\n  {} base parameters, condition number {}", structure.rank, significant(structure.condition(), 3)))?;
     say(format!("  Smallest pseudo-inertia eigenvalue {:.3e}", min_eigenvalue(&fitted.model.bodies)))?;

@@ -5,10 +5,10 @@ use serde_json::{Value, json};
 
 use crate::data::{Data, DataArgs};
 use crate::terminal::{BAD_ANSWER, DONE, Table, say, warn};
-use deltatwin::dynamics::Channel;
 use deltatwin::evidence::noise::{covariance, difference_covariance, rests};
 use deltatwin::identification::Dataset;
-use deltatwin::machine::AXES;
+use deltatwin::machine::{AXES, Unit};
+use deltatwin::recording::Channel;
 use deltatwin::text::significant;
 
 /// Covariance of the torque noise, from rests and from differences.
@@ -42,6 +42,8 @@ pub struct TorqueNoise {
     pub differences: Option<DMatrix<f64>>,
     /// Channels of the drives of the rows and columns of the matrices.
     pub drives: Vec<Channel>,
+    /// Unit of a torque.
+    pub unit: Unit,
 }
 
 impl TorqueNoise {
@@ -67,7 +69,9 @@ impl TorqueNoise {
                 all.extend(measured);
             }
         }
+        let machine = datasets.first().map(|dataset| dataset.mechanism).unwrap_or_default();
         Self {
+            unit: machine.unit(Unit::NM),
             at_rest: covariance(&torques, &still),
             rests: still.len(),
             rest_time,
@@ -115,7 +119,7 @@ impl TorqueNoise {
         let mut table = Table::new(&["Torque noise", "at rest", "from differences", "unit"], &[3]);
         for (i, drive) in self.drives.iter().enumerate() {
             let name = format!("axis {} standard deviation", drive.limb() + 1);
-            table.row([name, sigma(&self.at_rest, i), sigma(&self.differences, i), drive.unit().into()]);
+            table.row([name, sigma(&self.at_rest, i), sigma(&self.differences, i), self.unit.to_string()]);
         }
         for i in 0..self.drives.len() {
             for j in i + 1..self.drives.len() {

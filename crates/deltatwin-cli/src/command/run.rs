@@ -133,7 +133,10 @@ fn print(a: &Analysis) -> miette::Result<()> {
         say(wrapped(&finding.sentence, 2))?;
     }
     say(format!("\n{}", wrapped(&deltatwin_analysis::diagnose::verdict(d), 0)))?;
-    say(format!("\n{}", error_bars(&d.channels, d.budget.held_out, &d.rms_before, &d.rms_after, &d.noise_floor)))?;
+    say(format!(
+        "\n{}",
+        error_bars(d.model.mechanism, &d.channels, d.budget.held_out, &d.rms_before, &d.rms_after, &d.noise_floor)
+    ))?;
     if let Some(next) = &d.next_experiment {
         say(format!("\n{}", wrapped(&format!("Next experiment, {}", next.what), 2)))?;
     }

@@ -156,7 +156,8 @@ impl<'a> Watch<'a> {
             let (known, warnings) = recording::read_of(file, args.setup.as_deref(), model.mechanism)?;
             warn(&warnings);
             let signals = &known.signals;
-            let samples = (0..signals.len()).map(|k| Sample { t: signals.t[k], q: signals.q[k], tau: signals.tau[k] });
+            let samples =
+                (0..signals.len()).map(|k| Sample { t: signals.t[k], q: signals.q().at(k), tau: signals.tau().at(k) });
             healthy.extend(samples);
             let windows = monitor.learn(healthy.make_contiguous()).into_diagnostic()?;
             if monitor.healthy().is_none() {

@@ -1,6 +1,7 @@
 //! Bar chart of errors relative to the noise floor.
 
-use deltatwin::dynamics::Channel;
+use deltatwin::machine::Mechanism;
+use deltatwin::recording::Channel;
 use deltatwin::text::significant;
 
 /// Number of columns of a bar per noise floor, and number of noise floors in a bar.
@@ -8,7 +9,14 @@ const FLOOR: usize = 8;
 const FLOORS: usize = 4;
 
 /// RMS errors of every channel before and after and the noise floor, as numbers and as bars in units of the floor.
-pub fn error_bars(channels: &[Channel], held_out: bool, before: &[f64], after: &[f64], floor: &[f64]) -> String {
+pub fn error_bars(
+    machine: Mechanism,
+    channels: &[Channel],
+    held_out: bool,
+    before: &[f64],
+    after: &[f64],
+    floor: &[f64],
+) -> String {
     let title = if held_out { "RMS error, held out" } else { "RMS error" };
     let scale: String = (0..FLOORS).map(|k| format!("{:<FLOOR$}", k)).collect();
     let mut text =
@@ -16,7 +24,8 @@ pub fn error_bars(channels: &[Channel], held_out: bool, before: &[f64], after: &
     for (c, &channel) in channels.iter().enumerate() {
         let [b, a, f] = [before[c], after[c], floor[c]].map(|x| significant(x, 4));
         let bar = bar(before[c] / floor[c], after[c] / floor[c]);
-        text += &format!("  {:<20} {b:>8} → {a:>8} {f:>8} {:<4} {bar}\n", channel.title(), channel.unit());
+        text +=
+            &format!("  {:<20} {b:>8} → {a:>8} {f:>8} {:<4} {bar}\n", channel.title(machine), channel.unit(machine));
     }
     text + "  █ left   ░ taken away   │ noise floor   » beyond the scale"
 }
@@ -51,8 +60,14 @@ mod tests {
 
     #[test]
     fn rows_fit_the_screen() {
-        let text =
-            error_bars(&[Channel::StrutUpper(0), Channel::Torque(3)], true, &[1e5, 9.0], &[1e5, 1.0], &[1e-3, 1.0]);
+        let text = error_bars(
+            Mechanism::default(),
+            &[Channel::StrutUpper(0), Channel::Torque(3)],
+            true,
+            &[1e5, 9.0],
+            &[1e5, 1.0],
+            &[1e-3, 1.0],
+        );
         assert!(text.lines().all(|l| l.chars().count() <= super::super::WIDTH), "{text}");
         assert_eq!(text.lines().count(), 4);
     }

@@ -10,8 +10,8 @@ use std::path::PathBuf;
 use deltatwin::machine::Mechanism;
 use deltatwin::recording::Signals;
 
-pub(super) use self::channels::columns;
-pub(super) use self::names::{foreign, known, machine, margin_names, required};
+pub(super) use self::channels::check;
+pub(super) use self::names::{foreign, known, machine, required};
 use super::ReadError;
 
 /// Smallest number of samples of a recording.

@@ -91,13 +91,13 @@ impl<W: Write> Writer<W> {
         if signals.is_empty() {
             return Ok(());
         }
-        let columns = check::columns(signals, *samples).map_err(std::io::Error::other)?;
+        check::check(signals, *samples).map_err(std::io::Error::other)?;
         if *samples == 0 {
             write!(out, "t")?;
-            for c in &columns {
+            for (channel, _) in signals.series() {
                 // The unit of a current is not that of the format.
-                let unit = if signals.mechanism.effort() == Effort::Current && c.name == "tau1" { " [A]" } else { "" };
-                write!(out, ",{}{unit}", c.name)?;
+                let is_current = signals.mechanism.effort() == Effort::Current && channel.drive().is_some();
+                write!(out, ",{channel}{}", if is_current { " [A]" } else { "" })?;
             }
             writeln!(out)?;
         }
@@ -105,9 +105,9 @@ impl<W: Write> Writer<W> {
         for (i, t) in signals.t.iter().enumerate() {
             line.clear();
             line += &if *zero == 0 { shortest(*t) } else { since_1970(*zero, *t) };
-            for c in &columns {
+            for (_, values) in signals.series() {
                 line.push(',');
-                line += &shortest(c.values[i]);
+                line += &shortest(values[i]);
             }
             line.push('\n');
             out.write_all(line.as_bytes())?;

@@ -3,12 +3,12 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use deltatwin::dynamics::Channel;
 use deltatwin::excitation::experiments::Experiment;
 use deltatwin::excitation::{Design, Objective, Options};
 use deltatwin::machine::{Payload, Setup};
 use deltatwin::model::Model;
 use deltatwin::numerics::median;
+use deltatwin::recording::Channel;
 use deltatwin::scenario::Course;
 use deltatwin::text::significant;
 use miette::{IntoDiagnostic, WrapErr, miette};

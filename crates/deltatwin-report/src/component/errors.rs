@@ -2,7 +2,8 @@
 
 use std::fmt::Write as _;
 
-use deltatwin::dynamics::Channel;
+use deltatwin::machine::Mechanism;
+use deltatwin::recording::Channel;
 
 use super::number;
 use crate::Report;
@@ -10,6 +11,8 @@ use crate::html::escape;
 
 /// RMS errors of one channel set at several stages of a model.
 pub struct Errors<'a> {
+    /// Kind of machine.
+    pub mechanism: Mechanism,
     /// Channels, in the order of the arrays.
     pub channels: &'a [Channel],
     /// Name and RMS errors, N·m or N, of every stage, the first one first.
@@ -47,11 +50,11 @@ pub fn add(report: &mut Report, errors: &Errors) {
         let all = errors.stages.iter().map(|(_, rms)| value(rms)).chain([floor]);
         let largest = all.filter(|x| x.is_finite()).fold(f64::MIN_POSITIVE, f64::max);
         let percent = |x: f64| if x.is_finite() { 100.0 * x / largest } else { 0.0 };
-        let unit = escape(channel.unit());
+        let unit = escape(&channel.unit(errors.mechanism).to_string());
         let _ = write!(
             html,
             "<div class=\"error\" role=\"row\"><b role=\"rowheader\">{}</b><div class=\"bars\">",
-            escape(&channel.title())
+            escape(&channel.title(errors.mechanism))
         );
         for (s, (name, rms)) in errors.stages.iter().enumerate() {
             let (x, class) = (value(rms), stage_class(s, errors.stages.len()));
@@ -98,6 +101,7 @@ mod tests {
     fn bars_have_the_length_of_the_error_and_the_floor_its_place() {
         let mut report = Report::new("t", "");
         let errors = Errors {
+            mechanism: Mechanism::default(),
             channels: &[Channel::Torque(0)],
             stages: vec![("before", &[2.0]), ("after", &[0.5])],
             noise_floor: &[0.4],

@@ -1,7 +1,7 @@
 //! Figure of the error budget of a diagnosis.
 
 use deltatwin::diagnosis::budget::Budget;
-use deltatwin::dynamics::Channel;
+use deltatwin::recording::Channel;
 
 use crate::{Figure, StackedBar, stacked};
 
@@ -12,7 +12,7 @@ pub fn figure(budget: &Budget) -> Figure {
     let bar = |(c, &channel): (usize, &Channel)| {
         let shares = budget.shares(c);
         let all = std::iter::once(shares.noise).chain(shares.effects).chain([shares.unexplained]);
-        StackedBar { name: channel.title(), shares: all.collect() }
+        StackedBar { name: channel.title(budget.mechanism), shares: all.collect() }
     };
     let bars: Vec<StackedBar> = budget.channels.iter().enumerate().map(bar).collect();
     stacked("Error budget", "share of the mean square error of the model without the effects / %", &parts, &bars)

@@ -6,7 +6,7 @@ use deltatwin::planner::limits::Limits;
 use deltatwin::planner::validation::{Execution, acceleration};
 use deltatwin::planner::verify::checked;
 use deltatwin::planner::{Curve, Limit, Plan};
-use deltatwin::recording::{Recording, Signals};
+use deltatwin::recording::{Channel, Recording, Signals};
 
 /// Factor on the largest z up to which the maximum velocity curve is drawn.
 const CLIPPED: f64 = 1.6;
@@ -73,7 +73,7 @@ pub fn drives(plan: &Plan, limits: &Limits) -> Figure {
 }
 
 fn strut(signals: &Signals, s: usize) -> Vec<f64> {
-    signals.strut_upper[s].clone().unwrap_or_default()
+    signals[Channel::StrutUpper(s)].to_vec()
 }
 
 /// Planned strut forces over time.
@@ -94,7 +94,7 @@ pub fn execution(planned: &Recording, execution: &Execution) -> [Figure; 3] {
             Line::new("executed", b.0, b.1).color(Color::RESIDUAL).style(Style::Dashed),
         ]
     };
-    let tau = |s: &Signals, i: usize| (s.t.clone(), s.tau.iter().map(|t| t[i]).collect());
+    let tau = |s: &Signals, i: usize| (s.t.clone(), s[Channel::Torque(i)].to_vec());
     let torques: Vec<Panel> =
         (0..AXES).map(|i| panel(&format!("axis {}", i + 1), "N·m", pair(tau(want, i), tau(got, i)))).collect();
     let force = |s: &Signals, i: usize| (s.t.clone(), strut(s, i));

@@ -1,8 +1,9 @@
 //! Figures of what models leave of a recording: over time, over the motion, and as spectra.
 
-use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::dynamics::Plant;
 use deltatwin::identification::{Dataset, FitError, Residuals, predict};
 use deltatwin::model::Model;
+use deltatwin::recording::Channel;
 
 use crate::{Color, Curve, Figure, Panel, Style, panels, scatter_binned, spectrum};
 
@@ -41,7 +42,7 @@ pub fn figures(stages: &[Stage], dataset: &Dataset, noise: &[f64]) -> Result<Vec
     for (c, &channel) in dataset.channels.iter().enumerate() {
         let Some(axis) = channel.drive().filter(|_| left[0].rms[c] > ABOVE * noise[c]) else { continue };
         let of = |f: &dyn Fn(usize) -> f64| (0..dataset.len()).map(f).collect::<Vec<f64>>();
-        let unit = channel.joint_unit();
+        let unit = Channel::Angle(axis).unit(dataset.mechanism);
         let angle = of(&|k| dataset.joints[k].q[axis]);
         let speed = of(&|k| dataset.joints[k].qd[axis]);
         let places = [("angle", "q", unit.to_string(), angle), ("speed", "q̇", format!("{unit}/s"), speed)];
@@ -73,8 +74,8 @@ impl Drawn<'_> {
 
     fn panels(&self, title: &str, curves: impl Fn(usize) -> Vec<Curve>) -> Figure {
         let panel = |(c, channel): (usize, &Channel)| Panel {
-            title: channel.title(),
-            y_label: channel.unit().to_string(),
+            title: channel.title(self.dataset.mechanism),
+            y_label: channel.unit(self.dataset.mechanism).to_string(),
             curves: curves(c),
         };
         let all: Vec<Panel> = self.dataset.channels.iter().enumerate().map(panel).collect();
@@ -110,8 +111,8 @@ impl Drawn<'_> {
     fn over(&self, c: usize, channel: Channel, (label, x): (&str, Vec<f64>), left: Series) -> Figure {
         let one = |(s, stage): (usize, &Stage)| Curve::new(stage.name, x.clone(), left(s, c)).color(self.color(s));
         let curves: Vec<Curve> = self.stages.iter().enumerate().map(one).collect();
-        let title = format!("Residual of {}", channel.title());
-        scatter_binned(&title, label, &format!("residual / {}", channel.unit()), &curves, BINS)
+        let title = format!("Residual of {}", channel.title(self.dataset.mechanism));
+        scatter_binned(&title, label, &format!("residual / {}", channel.unit(self.dataset.mechanism)), &curves, BINS)
     }
 
     fn spectrum(&self, c: usize, channel: Channel, left: Series) -> Figure {
@@ -121,8 +122,14 @@ impl Drawn<'_> {
             Curve::new(stage.name, frequency, amplitude).color(self.color(s))
         };
         let curves: Vec<Curve> = self.stages.iter().enumerate().map(one).collect();
-        let title = format!("Residual of {}", channel.title());
-        spectrum(&title, "frequency / Hz", &format!("amplitude / {}", channel.unit()), &curves, &[])
+        let title = format!("Residual of {}", channel.title(self.dataset.mechanism));
+        spectrum(
+            &title,
+            "frequency / Hz",
+            &format!("amplitude / {}", channel.unit(self.dataset.mechanism)),
+            &curves,
+            &[],
+        )
     }
 }
 

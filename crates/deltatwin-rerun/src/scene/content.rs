@@ -7,7 +7,7 @@ use super::assets::Assets;
 use deltatwin::cell::{Object, Shape};
 use deltatwin::machine::bodies::BODIES;
 use deltatwin::machine::{AXES, Geometry, Mechanism, STRUTS, Unit};
-use deltatwin::recording::Recording;
+use deltatwin::recording::{Channel, Recording};
 pub use deltatwin::recording::{Level, Note};
 
 /// A moving robot, the objects around it, and curves.
@@ -196,17 +196,18 @@ impl<'a> Scene<'a> {
 pub fn measured(recording: &Recording) -> Vec<Series> {
     let s = &recording.signals;
     let mut series = Vec::new();
-    series.extend(drives(s.mechanism, &s.t, |k| {
-        (s.tau.iter().map(|v| v[k]).collect(), s.q.iter().map(|v| v[k]).collect())
-    }));
-    for (end, forces) in [&s.strut_upper, &s.strut_lower].into_iter().enumerate() {
-        for (i, force) in forces.iter().enumerate() {
-            let Some(force) = force else { continue };
-            series.push(strut_force(i, end, s.t.clone(), force.clone()));
-        }
+    series.extend(drives(s.mechanism, &s.t, |k| (s[Channel::Torque(k)].to_vec(), s[Channel::Angle(k)].to_vec())));
+    for (channel, force) in s.series() {
+        let (strut, end) = match channel {
+            Channel::StrutUpper(strut) => (strut, 0),
+            Channel::StrutLower(strut) => (strut, 1),
+            _ => continue,
+        };
+        series.push(strut_force(strut, end, s.t.clone(), force.to_vec()));
     }
-    if let Some(margins) = &s.socket_margin {
-        series.push(socket_margins(&s.t, margins));
+    let margins = s.rows(Channel::SocketMargin);
+    if !margins.is_empty() {
+        series.push(socket_margins(&s.t, &margins.iter().collect::<Vec<_>>()));
     }
     series
 }

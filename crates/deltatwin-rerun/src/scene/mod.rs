@@ -179,7 +179,7 @@ mod tests {
     use deltatwin::cell::{Mobility, Object, Shape, Surface};
     use deltatwin::kinematics::{JointState, Motion};
     use deltatwin::machine::{ARMS, Geometry, Mechanism};
-    use deltatwin::recording::Recording;
+    use deltatwin::recording::{Channel, Recording, Signals};
 
     /// The machine with arms at angle `phi` (rad), and axis 4 rotating.
     fn lift(g: &Geometry, phi: f64) -> Motion {
@@ -251,11 +251,12 @@ mod tests {
         let motions: Vec<Motion> = times.iter().map(|t| lift(&g, 0.3 + 0.4 * (3.0 * t).sin())).collect();
         let residual: Vec<[f64; AXES]> = times.iter().map(|t| [0.0, 3.5, 3.0 * t, 9.0]).collect();
         let mut recording = Recording::default();
-        recording.signals.t = times.clone();
-        recording.signals.q = motions.iter().map(|m| m.q).collect();
-        recording.signals.tau = times.iter().map(|t| [9.0 * t.sin(); AXES]).collect();
-        recording.signals.strut_upper[0] = Some(times.iter().map(|t| 30.0 * t.cos()).collect());
-        recording.signals.socket_margin = Some(times.iter().map(|t| [200.0 - t; 12]).collect());
+        let q: Vec<_> = motions.iter().map(|m| m.q).collect();
+        let tau: Vec<_> = times.iter().map(|t| [9.0 * t.sin(); AXES]).collect();
+        let margins: Vec<_> = times.iter().map(|t| [200.0 - t; 12]).collect();
+        recording.signals = Signals::of_drives(Default::default(), times.clone(), &q, &tau);
+        recording.signals.set(Channel::StrutUpper(0), times.iter().map(|t| 30.0 * t.cos()).collect());
+        recording.signals.set_rows(Channel::SocketMargin, &margins);
         let can = Object {
             name: "can / 1".into(),
             shape: Shape::Cylinder { radius: 0.03, height: 0.1 },

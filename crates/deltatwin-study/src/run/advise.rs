@@ -163,8 +163,13 @@ pub fn planned(case: &Case, task: &Task) -> Result<Case, AdviceError> {
     let signals = recording.signals;
     let mut out = case.clone();
     out.scenario.duration = found.time + SETTLING;
-    out.scenario.motion =
-        Course::Table(Table { file: Default::default(), joints: true, t: signals.t, rows: signals.q, moving: false });
+    out.scenario.motion = Course::Table(Table {
+        file: Default::default(),
+        joints: true,
+        rows: signals.q().iter().collect(),
+        t: signals.t,
+        moving: false,
+    });
     Ok(out)
 }
 

@@ -2,7 +2,7 @@
 
 use deltatwin::diagnosis::{Diagnosis, Verdict, diagnose};
 use deltatwin::identification::Dataset;
-use deltatwin::recording::{Recording, Signals};
+use deltatwin::recording::{Channel, Recording, Signals};
 
 use super::{Case, Outcome};
 use crate::campaign::{Column, Value};
@@ -79,11 +79,5 @@ impl Naming {
 
 /// Encoders and torques of the samples `from..to`: what a machine without further sensors records.
 fn measured(signals: &Signals, from: usize, to: usize) -> Signals {
-    Signals {
-        mechanism: signals.mechanism,
-        t: signals.t[from..to].to_vec(),
-        q: signals.q[from..to].to_vec(),
-        tau: signals.tau[from..to].to_vec(),
-        ..Signals::default()
-    }
+    signals.part(from..to).only(|channel| matches!(channel, Channel::Angle(_) | Channel::Torque(_)))
 }

@@ -10,14 +10,14 @@ use super::motion::{Motion, MotionKind};
 use super::noise::{self, Noise};
 use super::outside::Outside;
 use super::size::{Hidden, Size, Sizer};
-use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::dynamics::Plant;
 use deltatwin::effects::rigid_bodies::{self, RigidBodies};
 use deltatwin::effects::{self, Effect, Role};
 use deltatwin::identification::NoiseLevel;
 use deltatwin::identification::{Dataset, FitError, Residuals};
 use deltatwin::machine::{AXES, Actuator, Payload, Setup};
 use deltatwin::model::Model;
-use deltatwin::recording::Recording;
+use deltatwin::recording::{Channel, Recording};
 use deltatwin::scenario::Sensors;
 use deltatwin::twin::{Options, Report, SimulationError, simulate};
 
@@ -326,9 +326,14 @@ impl Campaign {
             let signals = &mut recording.signals;
             noise::lay(case.noise, &torque_noise(&self.model), force, signals, &mut rng);
             signals.t.iter_mut().for_each(|t| *t = rounded(*t, 1e7));
-            signals.q.iter_mut().flatten().for_each(|q| *q = rounded(*q, 1e9));
-            signals.tau.iter_mut().flatten().for_each(|tau| *tau = rounded(*tau, 1e4));
-            signals.strut_upper.iter_mut().flatten().flatten().for_each(|f| *f = rounded(*f, 1e3));
+            for (channel, values) in signals.series_mut() {
+                let per_unit = match channel {
+                    Channel::Angle(_) => 1e9,
+                    Channel::Torque(_) => 1e4,
+                    _ => 1e3,
+                };
+                values.iter_mut().for_each(|x| *x = rounded(*x, per_unit));
+            }
             recording
         })
     }

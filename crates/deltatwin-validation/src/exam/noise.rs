@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use deltatwin::machine::AXES;
-use deltatwin::recording::Signals;
+use deltatwin::recording::{Channel, Signals};
 
 /// Kind of torque noise. Its standard deviation over the recording is the stated one for every kind, except that the
 /// drift is added to it. Strut forces always have white noise, because their amplifier is separate from the drives.
@@ -69,7 +69,8 @@ pub fn lay(kind: Noise, torque: &[f64; AXES], force: f64, signals: &mut Signals,
     let mut own: [f64; AXES] = std::array::from_fn(|_| normal(rng));
     let mut bias = [0.0; AXES];
     let fresh = (1.0 - a * a).sqrt();
-    for (k, tau) in signals.tau.iter_mut().enumerate() {
+    let mut rows: Vec<[f64; AXES]> = signals.tau().iter().collect();
+    for (k, tau) in rows.iter_mut().enumerate() {
         for i in 0..axes {
             let scale = envelope.get(k).map_or(1.0, |e| e[i]);
             tau[i] += torque[i] * (scale * (common.sqrt() * shared + (1.0 - common).sqrt() * own[i]) + bias[i]);
@@ -80,8 +81,10 @@ pub fn lay(kind: Noise, torque: &[f64; AXES], force: f64, signals: &mut Signals,
         }
         shared = a * shared + fresh * normal(rng);
     }
-    for x in signals.strut_upper.iter_mut().chain(&mut signals.strut_lower).flatten().flatten() {
-        *x += force * normal(rng);
+    signals.set_rows(Channel::Torque, &rows);
+    let is_force = |channel| matches!(channel, Channel::StrutUpper(_) | Channel::StrutLower(_));
+    for (_, values) in signals.series_mut().filter(|(channel, _)| is_force(*channel)) {
+        values.iter_mut().for_each(|x| *x += force * normal(rng));
     }
 }
 
@@ -95,10 +98,11 @@ fn growth(signals: &Signals, axes: usize) -> Vec<[f64; AXES]> {
     let reach = ((0.5 * SPEED_TIME / signals.sample_time()).round() as usize).clamp(1, n.max(2) / 2);
     let mut scale = vec![[1.0; AXES]; n];
     for i in 0..axes {
+        let q = &signals[Channel::Angle(i)];
         let speed: Vec<f64> = (0..n)
             .map(|k| {
                 let (from, to) = (k.saturating_sub(reach), (k + reach).min(n - 1));
-                (signals.q[to][i] - signals.q[from][i]).abs() / (signals.t[to] - signals.t[from])
+                (q[to] - q[from]).abs() / (signals.t[to] - signals.t[from])
             })
             .collect();
         let rms = mean_square(&speed).sqrt().max(f64::MIN_POSITIVE);
@@ -124,10 +128,10 @@ mod tests {
     fn noise(kind: Noise, seed: u64) -> Vec<[f64; AXES]> {
         let n = 50_000;
         let t: Vec<f64> = (0..n).map(|k| k as f64 * 4e-4).collect();
-        let q = t.iter().map(|t| std::array::from_fn(|i| 0.3 * ((3.0 + i as f64) * t).sin())).collect();
-        let mut signals = Signals { t, q, tau: vec![[0.0; AXES]; n], ..Signals::default() };
+        let q: Vec<_> = t.iter().map(|t| std::array::from_fn(|i| 0.3 * ((3.0 + i as f64) * t).sin())).collect();
+        let mut signals = Signals::of_drives(Default::default(), t, &q, &vec![[0.0; AXES]; n]);
         lay(kind, &[0.4, 0.4, 0.4, 0.05], 0.5, &mut signals, &mut ChaCha8Rng::seed_from_u64(seed));
-        signals.tau
+        signals.tau().iter().collect()
     }
 
     fn correlation(x: impl Iterator<Item = (f64, f64)>) -> f64 {

@@ -13,7 +13,7 @@ use std::sync::Arc;
 use super::motion::Motion;
 use super::outside::Outside;
 use super::span;
-use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, Role};
 use deltatwin::identification::filtering::MIN_HALF_WIDTH;
 use deltatwin::identification::fit::{FitError, Options, fit_with, kinematics, nominal_size};
@@ -21,6 +21,7 @@ use deltatwin::identification::{Dataset, columns, predict};
 use deltatwin::machine::{AXES, Setup};
 use deltatwin::model::Model;
 use deltatwin::numerics::bisect;
+use deltatwin::recording::Channel;
 
 /// Size of a hidden effect.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, clap::ValueEnum)]
@@ -144,20 +145,9 @@ impl<'a> Sizer<'a> {
         let t: Vec<f64> = (0..n).map(|k| k as f64 * SPACING).collect();
         let joints = t.iter().map(|&t| motion.at(t).joints(&plant.geometry)).collect::<Result<_, _>>();
         let joints = joints.map_err(|reason| FitError::Kinematics { recording: "desired".into(), reason })?;
-        let dataset = Dataset {
-            name: "desired".into(),
-            setup: *setup,
-            joints,
-            channels: channels.to_vec(),
-            measured: vec![vec![0.0; n]; channels.len()],
-            segments: std::iter::once(0..n).collect(),
-            dt: SPACING,
-            // As for angles with noise: nothing is trimmed.
-            readings: deltatwin::identification::EncoderReadings::default(),
-            standing: 0.0,
-            half_width: [MIN_HALF_WIDTH + 1; AXES],
-            t,
-        };
+        let exact = Dataset::exact(robot.mechanism, *setup, channels.to_vec(), SPACING, joints);
+        // As for angles with noise: nothing is trimmed.
+        let dataset = Dataset { half_width: [MIN_HALF_WIDTH + 1; AXES], ..exact };
         let all = columns(&plant, &dataset, None).map_err(kinematics(&dataset))?;
         let own: Vec<DVector<f64>> = plant
             .parameters()

@@ -30,7 +30,7 @@ pub fn at_rest(run: &Run, axis: usize) -> Vec<(f64, f64)> {
     let signals = &run.recording.signals;
     let mut poses: Vec<Vec<f64>> = Vec::new();
     let mut since = None;
-    for ((t, tau), wanted) in signals.t.iter().zip(&signals.tau).zip(&run.commanded) {
+    for ((t, tau), wanted) in signals.t.iter().zip(signals.tau().iter()).zip(&run.commanded) {
         if wanted.qd.iter().any(|v| v.abs() > REST) {
             since = None;
             continue;

@@ -9,7 +9,6 @@ use super::page::{Comparison, Estimate, Row, Section};
 use super::paper::{self, table_1, table_4};
 use super::prior;
 use super::runs::{Campaign, Run};
-use deltatwin::dynamics::Channel;
 use deltatwin::effects::rigid_bodies::{self, RigidBodies};
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::fit::Options;
@@ -17,6 +16,7 @@ use deltatwin::identification::{BaseParameter, Dataset, Fit, fit_with};
 use deltatwin::machine::bodies::{ARM, Bodies, ROTOR, STRUT};
 use deltatwin::machine::{ARMS, AXES, Mechanism};
 use deltatwin::model::Model;
+use deltatwin::recording::Channel;
 
 /// Initial friction of the telescope's sliding joint, N and N·s/m; the paper does not state its value.
 const TELESCOPE_GUESS: f64 = 1.0;

@@ -40,7 +40,7 @@ pub fn points(run: &Run) -> Vec<Point> {
         }
         stretch.clear();
     };
-    for (tau, wanted) in run.recording.signals.tau.iter().zip(&run.commanded) {
+    for (tau, wanted) in run.recording.signals.tau().iter().zip(&run.commanded) {
         let speed = if wanted.qdd[AXIS].abs() < 1e-9 { (wanted.qd[AXIS] * 1e6).round() as i64 } else { 0 };
         if speed != now {
             finish(now, &mut stretch);

@@ -6,10 +6,11 @@ use super::assembled::Assembled;
 use super::page::{Comparison, Estimate, Plot, Row, Section};
 use super::runs::Campaign;
 use super::{paper, robot};
-use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::dynamics::Plant;
 use deltatwin::identification::residuals::{self, difference};
 use deltatwin::identification::{Dataset, predict};
 use deltatwin::model::Model;
+use deltatwin::recording::Channel;
 use deltatwin_report::{Color, Curve, Style, time_series};
 
 /// Section on Fig. 13.

@@ -9,11 +9,12 @@ use super::page::{Comparison, Estimate, Plot, Row, Section};
 use super::paper::u_turn as printed;
 use super::runs::Campaign;
 use deltatwin::dynamics::Plant;
+use deltatwin::machine::STRUTS;
 use deltatwin::model::Model;
 use deltatwin::planner::trajectory::trajectory;
 use deltatwin::planner::validation::{Execution, execute};
 use deltatwin::planner::{Curve, Limit, Limits, Machine, Plan, Task, plan};
-use deltatwin::recording::Recording;
+use deltatwin::recording::{Channel, Recording};
 use deltatwin_report::{Color, Curve as Line, drawing, time_series};
 
 /// The path with its payload and limits.
@@ -45,7 +46,7 @@ impl Variant {
 
     /// Largest planned force at an elbow, N.
     fn planned_force(&self) -> f64 {
-        let forces = self.planned.signals.strut_upper.iter().flatten().flatten();
+        let forces = self.planned.signals.rows::<STRUTS>(Channel::StrutUpper).iter().flatten();
         forces.fold(0.0, |most, f| f.abs().max(most))
     }
 

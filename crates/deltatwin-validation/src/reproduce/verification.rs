@@ -8,11 +8,12 @@ use super::least_squares::Stack;
 use super::page::{Comparison, Estimate, Plot, Row, Section};
 use super::paper;
 use super::runs::{Campaign, Run};
-use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::{Dataset, Residuals, predict};
 use deltatwin::machine::{ARMS, AXES, STRUTS};
 use deltatwin::model::Model;
+use deltatwin::recording::Channel;
 use deltatwin_report::{Color, Curve, Panel, Style, panels};
 
 /// The structure of the paper's base parameters: linear friction in all four drives without eq. 48.

@@ -191,17 +191,15 @@ mod tests {
 
     /// Friction that reverses over 1/`steepness` along two sines, with steps of 1e-4 N·m as its only noise.
     fn bench(steepness: f64) -> Dataset {
-        let mechanism = Mechanism::axis(Joint::Revolute);
-        let mut signals = Signals { mechanism, ..Signals::default() };
+        let mut samples = Vec::new();
         for k in 0..20_000 {
             let t = f64::from(k) * 5e-4;
             let sum = |f: &dyn Fn(f64, f64) -> f64| f(0.8, 2.1) + f(0.2, 7.7);
             let rate = sum(&|a, w| a * w * (w * t).cos());
             let torque = 0.02 * sum(&|a, w| -a * w * w * (w * t).sin()) + 0.3 * (steepness * rate).tanh() + 0.05 * rate;
-            signals.t.push(t);
-            signals.q.push([sum(&|a, w| a * (w * t).sin()), 0.0, 0.0, 0.0]);
-            signals.tau.push([(torque * 1e4).round() / 1e4, 0.0, 0.0, 0.0]);
+            samples.push([t, sum(&|a, w| a * (w * t).sin()), (torque * 1e4).round() / 1e4]);
         }
+        let signals = Signals::of_axis(Joint::Revolute, &samples);
         Dataset::new(&Recording { signals, ..Recording::default() })
     }
 

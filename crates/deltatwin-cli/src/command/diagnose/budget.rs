@@ -25,7 +25,7 @@ pub fn print(budget: &Budget, changes: &[Change], history: &[Added]) -> miette::
         let parts = std::iter::once(shares.noise).chain(shares.effects).chain([shares.unexplained]);
         let parts: Vec<f64> = parts.collect();
         is_negative |= parts.iter().any(|share| *share < 0.0);
-        table.row(std::iter::once(channel.title()).chain(parts.into_iter().map(percent)));
+        table.row(std::iter::once(channel.title(budget.mechanism)).chain(parts.into_iter().map(percent)));
     }
     say(format!("\n{table}"))?;
     if is_negative {

@@ -32,7 +32,10 @@ pub fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
     }
     let gap = if d.effects.is_empty() { "" } else { "\n" };
     let held_out = d.budget.held_out;
-    say(format!("{gap}{}", error_bars(&d.channels, held_out, &d.rms_before, &d.rms_after, &d.noise_floor)))?;
+    say(format!(
+        "{gap}{}",
+        error_bars(d.model.mechanism, &d.channels, held_out, &d.rms_before, &d.rms_after, &d.noise_floor)
+    ))?;
     if let Some(lag) = d.sampling_lag {
         let size = significant(1e3 * lag.abs(), 2);
         let text = if lag < 0.0 {

@@ -69,6 +69,6 @@ fn print(data: &Data, noise_floor: &[f64], found: &PayloadFit) -> miette::Result
     say(table)?;
     print_unidentified(&found.fit)?;
     let series = [("fitted", Some(&found.fit.residuals.rms[..])), ("noise floor", Some(noise_floor))];
-    say(format!("\n{}", Table::of_channels(data.channels(), &series)))?;
+    say(format!("\n{}", Table::of_channels(data.mechanism(), data.channels(), &series)))?;
     print_correction(&found.fit)
 }

@@ -75,8 +75,8 @@ fn samples(args: &Args) -> miette::Result<(Vec<Sample>, Mechanism)> {
         let shift = end.filter(|end| begin < *end).map_or(0.0, |end| end - begin);
         all.extend((0..signals.len()).map(|k| Sample {
             t: signals.t[k] + shift,
-            q: signals.q[k],
-            tau: signals.tau[k],
+            q: signals.q().at(k),
+            tau: signals.tau().at(k),
         }));
     }
     machine.map(|machine| (all, machine)).ok_or_else(|| miette!("no recording"))

@@ -93,11 +93,7 @@ impl Receiver for Receiving<'_> {
         }
         if self.job.keeps {
             self.received.frames.extend(piece.frames);
-            if self.received.signals.is_empty() {
-                self.received.signals = piece.signals;
-            } else {
-                self.received.signals.extend(piece.signals);
-            }
+            self.received.signals.extend(piece.signals);
         }
         self.received.problem.is_none()
     }

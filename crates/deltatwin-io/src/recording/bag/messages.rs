@@ -37,6 +37,16 @@ pub(super) const POINT: Definition = Definition {
     ),
 };
 
+pub(super) const WRENCH: Definition = Definition {
+    name: "geometry_msgs/msg/WrenchStamped",
+    text: types!(
+        "std_msgs/Header header\ngeometry_msgs/Wrench wrench\n",
+        "MSG: geometry_msgs/Wrench\ngeometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n",
+        "MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n",
+        "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+    ),
+};
+
 pub(super) const TRAJECTORY: Definition = Definition {
     name: "trajectory_msgs/msg/JointTrajectory",
     text: types!(
@@ -177,11 +187,16 @@ pub(super) fn joint_state(time: i64, name: &[String], [position, velocity, effor
 }
 
 /// Encodes a `geometry_msgs/msg/PointStamped` in `frame`.
-pub(super) fn point(time: i64, frame: &str, point: [f64; 3]) -> Vec<u8> {
+pub(super) fn point(time: i64, frame: &str, point: &[f64]) -> Vec<u8> {
     let mut w = Writer::default();
     header(&mut w, time, frame);
     point.iter().for_each(|x| w.f64(*x));
     w.finish()
+}
+
+/// Encodes a `geometry_msgs/msg/WrenchStamped` with a force in `frame`.
+pub(super) fn wrench(time: i64, frame: &str, force: &[f64]) -> Vec<u8> {
+    point(time, frame, &[force, &[0.0; 3]].concat())
 }
 
 /// Coordinates of a `geometry_msgs/msg/PointStamped`.
@@ -189,6 +204,11 @@ pub(super) fn parse_point(data: &[u8]) -> Option<[f64; 3]> {
     let mut r = Reader::new(data)?;
     read_header(&mut r)?;
     Some([r.f64()?, r.f64()?, r.f64()?])
+}
+
+/// Force of a `geometry_msgs/msg/WrenchStamped`, which begins as a point does.
+pub(super) fn parse_force(data: &[u8]) -> Option<[f64; 3]> {
+    parse_point(data)
 }
 
 /// Encodes a `trajectory_msgs/msg/JointTrajectory` with a single point that has accelerations only.

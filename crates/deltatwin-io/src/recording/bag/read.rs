@@ -278,7 +278,7 @@ impl Samples {
         let mut columns = Vec::new();
         for stream in &content.streams {
             if let Messages::Rows(rows) = &stream.messages {
-                columns.extend(self.beside(stream, rows, machine.axes(), warnings));
+                columns.extend(self.beside(stream, rows, machine, warnings));
             }
         }
         let Self { position, effort, velocity, rows, .. } = self;
@@ -291,14 +291,15 @@ impl Samples {
     }
 
     /// Columns of a topic whose messages have the same times as the joint states.
-    fn beside(&self, stream: &Stream, rows: &Rows, axes: usize, warnings: &mut Vec<String>) -> Vec<Column> {
+    fn beside(&self, stream: &Stream, rows: &Rows, machine: Mechanism, warnings: &mut Vec<String>) -> Vec<Column> {
         let Some(places) = self.places(&stream.times) else {
             let reason = "not every joint state has a valid message of the same time";
             warnings.push(format!("`{}` ignored: {reason}", stream.topic));
             return Vec::new();
         };
         let mut columns = Vec::new();
-        for (k, name) in topics::columns(&stream.topic, axes).into_iter().enumerate().take(rows.width()) {
+        let channels = topics::channels(&stream.topic, machine).map(|(_, channel)| channel.to_string());
+        for (k, name) in channels.enumerate().take(rows.width()) {
             if rows.present(k) == stream.times.len() {
                 let values = places.iter().map(|&i| rows.value(i, k)).collect();
                 columns.push(Column { name, values });

@@ -127,13 +127,9 @@ mod tests {
 
     fn file(samples: usize) -> Vec<u8> {
         let t: Vec<f64> = (0..samples).map(|k| 0.01 * k as f64).collect();
-        let signals = Signals {
-            mechanism: Mechanism::delta(true),
-            q: t.iter().map(|t| [*t, 1.0, 2.0, 3.0]).collect(),
-            tau: t.iter().map(|t| [-*t, 4.0, 5.0, 6.0]).collect(),
-            t,
-            ..Signals::default()
-        };
+        let q: Vec<_> = t.iter().map(|t| [*t, 1.0, 2.0, 3.0]).collect();
+        let tau: Vec<_> = t.iter().map(|t| [-*t, 4.0, 5.0, 6.0]).collect();
+        let signals = Signals::of_drives(Mechanism::delta(true), t, &q, &tau);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.mcap");
         let recording = Recording { signals, ..Recording::default() };

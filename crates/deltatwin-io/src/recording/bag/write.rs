@@ -5,8 +5,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::io::{Seek, Write};
 
-use deltatwin::machine::STRUTS;
-use deltatwin::recording::{Contacts, Context, Level, Note, Poses, Recording, Signals, multiplier_names};
+use deltatwin::recording::{Channel, Contacts, Context, Field, Level, Note, Poses, Recording, Signals};
 use mcap::records::{MessageHeader, Metadata};
 
 use super::messages::{self, Definition, SECOND};
@@ -36,7 +35,7 @@ pub(in crate::recording) struct Writer<W: Write + Seek> {
     bag: Bag<W>,
     description: Option<String>,
     /// Those of the samples, from the first sample on.
-    channels: Option<Channels>,
+    topics: Option<Vec<Topic>>,
     poses: Track<Poses>,
     contacts: Track<Contacts>,
     /// Whether the last contacts that were written are any.
@@ -73,20 +72,12 @@ impl<T> Track<T> {
     }
 }
 
-/// Channels of the samples, with the names in their messages.
-struct Channels {
-    joints: u16,
-    joint_names: Vec<String>,
-    struts: Option<u16>,
-    strut_names: Vec<String>,
-    point: Option<u16>,
-    acceleration: Option<u16>,
-    margins: Option<u16>,
-    margin_names: [String; 2 * STRUTS],
-    multipliers: Option<u16>,
-    multiplier_names: Vec<String>,
-    link: Option<u16>,
-    link_names: Vec<String>,
+/// A topic of the samples.
+struct Topic {
+    id: u16,
+    channels: Vec<(Field, Channel)>,
+    /// Names of the joints in a message.
+    names: Vec<String>,
 }
 
 impl<W: Write + Seek> Writer<W> {
@@ -118,7 +109,7 @@ impl<W: Write + Seek> Writer<W> {
         Ok(Self {
             bag,
             description: description.clone(),
-            channels: None,
+            topics: None,
             poses: Track::default(),
             contacts: Track::default(),
             touching: false,
@@ -138,7 +129,7 @@ impl<W: Write + Seek> Writer<W> {
         contacts: &[Contacts],
         notes: &[Note],
     ) -> std::io::Result<()> {
-        check::columns(signals, self.samples).map_err(std::io::Error::other)?;
+        check::check(signals, self.samples).map_err(std::io::Error::other)?;
         let second = |t: f64| self.bag.zero as f64 / 1e9 + t;
         if let Some(t) = signals.t.iter().find(|t| t.abs() >= 1e8 || !(0.0..LAST as f64).contains(&second(**t))) {
             return Err(std::io::Error::other(format!("time {t} s is out of range")));
@@ -161,22 +152,22 @@ impl<W: Write + Seek> Writer<W> {
     }
 
     fn samples(&mut self, signals: &Signals) -> mcap::McapResult<()> {
-        if self.channels.is_none()
+        if self.topics.is_none()
             && let Some(first) = signals.t.first()
         {
             if let Some(urdf) = self.description.take() {
                 let id = self.bag.channel(topics::DESCRIPTION, &messages::STRING)?;
                 self.bag.message(id, self.bag.time(*first), &messages::string(&urdf))?;
             }
-            self.channels = Some(Channels::of(&mut self.bag, signals)?);
+            self.topics = Some(Topic::of(&mut self.bag, signals)?);
             // The definitions alone make the first chunk: without them, nothing could be read.
             self.bag.end_chunk()?;
         }
         for (i, t) in signals.t.iter().enumerate() {
             let time = self.bag.time(*t);
             self.until(time)?;
-            if let Some(channels) = &self.channels {
-                channels.sample(&mut self.bag, signals, i, time)?;
+            for topic in self.topics.iter().flatten() {
+                self.bag.message(topic.id, time, &topic.message(signals, i, time))?;
             }
         }
         self.samples += signals.len();
@@ -208,67 +199,41 @@ impl<W: Write + Seek> Writer<W> {
     }
 }
 
-impl Channels {
-    /// Registers the channels that `signals` have.
-    fn of<W: Write + Seek>(bag: &mut Bag<W>, signals: &Signals) -> mcap::McapResult<Self> {
-        let axes = signals.mechanism.axes();
-        let names = |stem: &str| (1..=axes).map(|k| format!("{stem}{k}")).collect();
-        let forces = signals.strut_upper.iter().chain(&signals.strut_lower);
-        let strut_names: Vec<String> = topics::strut_names()
-            .into_iter()
-            .zip(forces)
-            .filter_map(|(name, force)| force.as_ref().map(|_| name))
-            .collect();
-        let has_links = signals.link_q.is_some() && signals.link_qd.is_some();
-        Ok(Self {
-            joints: bag.channel(topics::JOINTS, &messages::JOINT_STATE)?,
-            struts: bag.channel_if(!strut_names.is_empty(), topics::STRUT_FORCES, &messages::JOINT_STATE)?,
-            point: bag.channel_if(signals.ee.is_some(), topics::END_EFFECTOR, &messages::POINT)?,
-            acceleration: bag.channel_if(signals.qdd.is_some(), topics::ACCELERATION, &messages::TRAJECTORY)?,
-            margins: bag.channel_if(signals.socket_margin.is_some(), topics::SOCKET_MARGINS, &messages::JOINT_STATE)?,
-            multipliers: bag.channel_if(signals.multipliers.is_some(), topics::MULTIPLIERS, &messages::JOINT_STATE)?,
-            link: bag.channel_if(has_links, topics::LINKS, &messages::JOINT_STATE)?,
-            joint_names: names("axis"),
-            link_names: names("link"),
-            strut_names,
-            margin_names: check::margin_names(),
-            multiplier_names: multiplier_names().to_vec(),
-        })
+impl Topic {
+    /// Registers the topics of the channels that `signals` have.
+    fn of<W: Write + Seek>(bag: &mut Bag<W>, signals: &Signals) -> mcap::McapResult<Vec<Self>> {
+        let mut found = Vec::new();
+        for topic in topics::all() {
+            let recorded = |(_, channel): &(Field, Channel)| signals.get(*channel).is_some();
+            let channels: Vec<_> = topics::channels(topic, signals.mechanism).filter(recorded).collect();
+            let Some((field, _)) = channels.first() else { continue };
+            let definition = match field {
+                Field::Position | Field::Velocity | Field::Effort => &messages::JOINT_STATE,
+                Field::Accelerations => &messages::TRAJECTORY,
+                Field::Point => &messages::POINT,
+                Field::Force => &messages::WRENCH,
+            };
+            let names = topics::names(&channels);
+            found.push(Self { id: bag.channel(topic, definition)?, channels, names });
+        }
+        Ok(found)
     }
 
-    /// Writes sample `i`; the joint states come last: they complete a sample.
-    fn sample<W: Write + Seek>(
-        &self,
-        bag: &mut Bag<W>,
-        signals: &Signals,
-        i: usize,
-        time: i64,
-    ) -> mcap::McapResult<()> {
-        let axes = signals.mechanism.axes();
-        if let Some(id) = self.struts {
-            let forces = signals.strut_upper.iter().chain(&signals.strut_lower).flatten();
-            let forces: Vec<f64> = forces.map(|f| f[i]).collect();
-            bag.message(id, time, &messages::joint_state(time, &self.strut_names, [&[], &[], &forces]))?;
+    /// The message of sample `i`.
+    fn message(&self, signals: &Signals, i: usize, time: i64) -> Vec<u8> {
+        let of = |wanted: Field| -> Vec<f64> {
+            let own = self.channels.iter().filter(|(field, _)| *field == wanted);
+            own.map(|(_, channel)| signals[*channel][i]).collect()
+        };
+        match self.channels[0].0 {
+            field @ Field::Accelerations => messages::accelerations(time, &self.names, &of(field)),
+            field @ Field::Point => messages::point(time, topics::BASE, &of(field)),
+            field @ Field::Force => messages::wrench(time, topics::BASE, &of(field)),
+            Field::Position | Field::Velocity | Field::Effort => {
+                let [position, velocity, effort] = [Field::Position, Field::Velocity, Field::Effort].map(of);
+                messages::joint_state(time, &self.names, [&position, &velocity, &effort])
+            }
         }
-        if let (Some(id), Some(ee)) = (self.point, &signals.ee) {
-            bag.message(id, time, &messages::point(time, topics::BASE, ee[i]))?;
-        }
-        if let (Some(id), Some(qdd)) = (self.acceleration, &signals.qdd) {
-            bag.message(id, time, &messages::accelerations(time, &self.joint_names, &qdd[i][..axes]))?;
-        }
-        if let (Some(id), Some(margin)) = (self.margins, &signals.socket_margin) {
-            bag.message(id, time, &messages::joint_state(time, &self.margin_names, [&[], &[], &margin[i]]))?;
-        }
-        if let (Some(id), Some(values)) = (self.multipliers, &signals.multipliers) {
-            bag.message(id, time, &messages::joint_state(time, &self.multiplier_names, [&[], &[], &values[i]]))?;
-        }
-        if let (Some(id), Some(q), Some(qd)) = (self.link, &signals.link_q, &signals.link_qd) {
-            let state = [&q[i][..axes], &qd[i][..axes], &[]];
-            bag.message(id, time, &messages::joint_state(time, &self.link_names, state))?;
-        }
-        let velocity = signals.qd.as_ref().map_or(&[][..], |qd| &qd[i][..axes]);
-        let state = [&signals.q[i][..axes], velocity, &signals.tau[i][..axes]];
-        bag.message(self.joints, time, &messages::joint_state(time, &self.joint_names, state))
     }
 }
 
@@ -320,10 +285,6 @@ impl<W: Write + Seek> Bag<W> {
     fn channel(&mut self, topic: &str, definition: &Definition) -> mcap::McapResult<u16> {
         let schema = self.writer.add_schema(definition.name, "ros2msg", definition.text.as_bytes())?;
         self.writer.add_channel(schema, topic, "cdr", &BTreeMap::new())
-    }
-
-    fn channel_if(&mut self, present: bool, topic: &str, definition: &Definition) -> mcap::McapResult<Option<u16>> {
-        present.then(|| self.channel(topic, definition)).transpose()
     }
 
     /// Bag time of time `t` (s) of the run, ns since 1970.

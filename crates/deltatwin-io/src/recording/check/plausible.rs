@@ -4,9 +4,8 @@ use std::ops::Range;
 
 use deltatwin::identification::initial::quantum;
 use deltatwin::machine::{AXES, Effort, Joint, Mechanism, Unit};
-use deltatwin::recording::sample_time;
+use deltatwin::recording::{Channel, sample_time};
 
-use super::names::is_axis;
 use super::{Column, Table};
 use crate::recording::ReadError;
 
@@ -112,9 +111,12 @@ impl Table {
             }
         }
         // Margins, multipliers and links are computed: the margin of a socket that is open from the start is constant
-        // zero.
-        let computed = |name: &str| ["margin", "lambda_", "link_"].iter().any(|stem| name.starts_with(stem));
-        let sensor = |c: &&Column| !is_axis(&c.name) && !computed(&c.name);
+        // zero. A load may be constant.
+        let sensor = |c: &&Column| match Channel::named(&c.name) {
+            Some(Channel::SocketMargin(_) | Channel::Multiplier(_)) => false,
+            Some(channel) => !channel.family().is_of_axes(),
+            None => true,
+        };
         for c in self.columns.iter().filter(sensor).filter(|c| is_constant(&c.values)) {
             warnings.push(format!("`{}` is always {}: is the sensor connected?", c.name, c.values[0]));
         }

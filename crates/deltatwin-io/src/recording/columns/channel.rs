@@ -188,9 +188,9 @@ pub(super) fn quantities(channel: &str, machine: Option<Mechanism>) -> &'static 
         ("qdd", Some(true)) => &[Acceleration],
         ("qdd", None) => &[AngularAcceleration, Acceleration],
         ("tau", Some(_)) if effort == Effort::Current => &[Current],
-        ("tau", Some(false)) => &[Torque],
-        ("tau", Some(true)) => &[Force],
-        ("tau", None) => &[Torque, Force],
+        ("tau" | "load", Some(false)) => &[Torque],
+        ("tau" | "load", Some(true)) => &[Force],
+        ("tau" | "load", None) => &[Torque, Force],
         (ee, _) if ee.starts_with("ee") => &[Length],
         _ => &[Force],
     }

@@ -7,9 +7,11 @@ mod places;
 
 use std::fmt::Write as _;
 
-use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::dynamics::Plant;
 use deltatwin::identification::fit::kinematics;
 use deltatwin::identification::{Dataset, FitError, Residuals, predict, residuals::rms};
+use deltatwin::machine::Unit;
+use deltatwin::recording::Channel;
 use serde_json::{Value, json};
 
 use crate::Report;
@@ -51,9 +53,9 @@ impl Signals {
             let measured = packed.add(&dataset.measured[c], step(&dataset.measured[c]), 1);
             let models: Vec<Value> = predicted.iter().map(|p| packed.add(&p[c], step(&p[c]), 2)).collect();
             json!({
-                "name": channel.title(),
+                "name": channel.title(dataset.mechanism),
                 "key": channel.to_string(),
-                "unit": channel.unit(),
+                "unit": channel.unit(dataset.mechanism).to_string(),
                 "noise": floor,
                 "measured": measured,
                 "models": models,
@@ -110,8 +112,9 @@ pub fn add(report: &mut Report, signals: &Signals) {
 }
 
 /// Drives of the recording: index and unit of the joint.
-fn drives(dataset: &Dataset) -> impl Iterator<Item = (usize, &'static str)> + '_ {
-    dataset.channels.iter().filter_map(|c| Some((c.drive()?, c.joint_unit())))
+fn drives(dataset: &Dataset) -> impl Iterator<Item = (usize, Unit)> + '_ {
+    let unit = Channel::Angle(0).unit(dataset.mechanism);
+    dataset.channels.iter().filter_map(move |c| Some((c.drive()?, unit)))
 }
 
 /// Step with which a series is stored: a fraction of the noise, or of its range without noise; sixteen bits reach its

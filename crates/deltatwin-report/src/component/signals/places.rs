@@ -1,6 +1,7 @@
 //! Residuals over angle, rate, acceleration and torque of the channel's own axis, and over frequency.
 
 use deltatwin::identification::Dataset;
+use deltatwin::recording::Channel;
 use serde_json::{Value, json};
 
 use crate::drawing::residual::amplitude_spectrum;
@@ -17,7 +18,7 @@ pub fn of(dataset: &Dataset, left: &[Vec<Vec<f64>>]) -> Vec<Value> {
     let longest = dataset.segments.iter().max_by_key(|s| s.len()).cloned().unwrap_or(0..0);
     let one = |c: usize| {
         let channel = dataset.channels[c];
-        let (axis, unit) = (channel.limb(), channel.joint_unit());
+        let (axis, unit) = (channel.limb(), Channel::Angle(0).unit(dataset.mechanism));
         let of = |f: &dyn Fn(usize) -> f64| (0..dataset.len()).map(f).collect::<Vec<f64>>();
         let own = dataset.channels.iter().position(|other| other.drive() == Some(axis)).unwrap_or(c);
         let torque = dataset.channels[own];
@@ -26,7 +27,7 @@ pub fn of(dataset: &Dataset, left: &[Vec<Vec<f64>>]) -> Vec<Value> {
             (format!("q{n} / {unit}"), of(&|k| dataset.joints[k].q[axis])),
             (format!("q̇{n} / {unit}/s"), of(&|k| dataset.joints[k].qd[axis])),
             (format!("q̈{n} / {unit}/s²"), of(&|k| dataset.joints[k].qdd[axis])),
-            (format!("τ{n} / {}", torque.unit()), dataset.measured[own].clone()),
+            (format!("τ{n} / {}", torque.unit(dataset.mechanism)), dataset.measured[own].clone()),
         ];
         let bins: Vec<Value> = over.iter().map(|(label, x)| binned(label, x, left, c)).collect();
         let spectra: Vec<(Vec<f64>, Vec<f64>)> =

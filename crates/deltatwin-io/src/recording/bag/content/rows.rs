@@ -1,11 +1,11 @@
 //! Values that accompany the joint states: rows of numbers in the columns of their topic.
 
-use super::super::messages::{JointNames, Numbers, RawState, parse_accelerations, parse_point};
+use deltatwin::machine::Mechanism;
+use deltatwin::recording::Field;
+
+use super::super::messages::{JointNames, Numbers, RawState, parse_accelerations, parse_force, parse_point};
 use super::super::topics;
 use super::Encoding;
-
-/// Largest number of axes of a machine whose values a row can hold.
-const AXES: usize = deltatwin::machine::AXES;
 
 /// Rows of equally many numbers, NaN where a message lacks one.
 pub struct Rows {
@@ -23,7 +23,8 @@ pub struct Rows {
 
 impl Rows {
     pub fn new(topic: &str, encoding: Encoding) -> Self {
-        let columns = topics::columns(topic, AXES);
+        // Those of the machine with the most axes.
+        let columns = topics::channels(topic, Mechanism::default()).map(|(_, channel)| channel.to_string()).collect();
         Self { topic: topic.into(), encoding, columns, places: None, width: 0, values: Vec::new(), present: Vec::new() }
     }
 
@@ -45,18 +46,23 @@ impl Rows {
     }
 
     fn decode(&mut self, data: &[u8]) -> Option<Vec<Option<f64>>> {
-        match (self.encoding, self.topic.as_str()) {
-            (Encoding::Cdr, topics::STRUT_FORCES | topics::SOCKET_MARGINS | topics::MULTIPLIERS) => self.named(data),
-            (Encoding::Cdr, topics::LINKS) => {
+        if self.encoding == Encoding::Json {
+            return topics::decode_json(&self.topic, data);
+        }
+        let (field, _) = topics::channels(&self.topic, Mechanism::default()).next()?;
+        let values = match field {
+            Field::Effort => return self.named(data),
+            Field::Position | Field::Velocity => {
                 let mut values = Vec::new();
                 let raw = RawState::parse(data, &mut Numbers::All(&mut values))?;
                 values.truncate(raw.counts[0] + raw.counts[1]);
-                Some(values.into_iter().map(Some).collect())
+                values
             }
-            (Encoding::Cdr, topics::END_EFFECTOR) => Some(parse_point(data)?.map(Some).to_vec()),
-            (Encoding::Cdr, _) => Some(parse_accelerations(data)?.into_iter().map(Some).collect()),
-            (Encoding::Json, topic) => topics::decode_json(topic, data),
-        }
+            Field::Point => parse_point(data)?.to_vec(),
+            Field::Force => parse_force(data)?.to_vec(),
+            Field::Accelerations => parse_accelerations(data)?,
+        };
+        Some(values.into_iter().map(Some).collect())
     }
 
     /// The efforts of a joint state in the order of the columns.
