@@ -8,7 +8,7 @@ mod spectrum;
 
 use crate::dynamics::Plant;
 use crate::identification::fit::{FitError, kinematics};
-use crate::identification::{Dataset, HeldOut, NoiseLevel, Residuals, check_together};
+use crate::identification::{Dataset, HeldOut, NoiseLevel, Repeats, Residuals, check_together};
 use crate::machine::Mechanism;
 use crate::model::Model;
 use crate::recording::Channel;
@@ -24,6 +24,8 @@ pub struct Comparison {
     pub rms: Vec<f64>,
     /// Pooled standard deviation of the sensor noise, N·m or N.
     pub noise_floor: Vec<f64>,
+    /// What repeats from lap to lap and what does not; `None` where no motion repeats.
+    pub repeats: Option<Repeats>,
     /// Errors on held-out data; `None` without such data.
     pub held_out: Option<HeldOut>,
     /// Patterns of the residual, largest share first.
@@ -91,7 +93,8 @@ pub fn compare_with(
 ) -> Result<Comparison, FitError> {
     check_together(datasets.iter().chain(held_out))?;
     let rms = residuals.rms.clone();
-    let noise_floor = NoiseLevel::of(model, datasets).pooled;
+    let (noise, repeats) = NoiseLevel::of(model, datasets).with_repeats(datasets, residuals);
+    let noise_floor = noise.pooled;
     let held_out = HeldOut::new(model, held_out)?;
     let channels = datasets[0].channels.clone();
     let loud = |c: &usize| rms[*c] > MORE_THAN_NOISE * noise_floor[*c];
@@ -101,7 +104,7 @@ pub fn compare_with(
         found.extend(findings::of_channel(channels[c], datasets, &platform, residuals.channel(c), noise_floor[c]));
     }
     found.sort_by(|a, b| b.share.total_cmp(&a.share));
-    Ok(Comparison { mechanism: model.mechanism, channels, rms, noise_floor, held_out, findings: found })
+    Ok(Comparison { mechanism: model.mechanism, channels, rms, noise_floor, repeats, held_out, findings: found })
 }
 
 /// Patterns of the residual of channel `c` of a model on recordings, largest share first.

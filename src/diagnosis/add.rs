@@ -70,8 +70,8 @@ pub fn add_with(
     if known.parameters().is_empty() {
         return Err(DiagnosisError::NoTerms);
     }
-    let fitting = Fitting::new(model, datasets, options);
-    let judge = Judge::new(&fitting, model, held_out);
+    let fitting = Fitting::new(model, datasets, options).with_repeats(model)?;
+    let judge = Judge::new(&fitting, model, held_out)?;
     let before = judge.fit(model)?;
     let absent = problem::absent(&mounted, &before.fit, datasets, options.candidates);
     let shapes = absent.into_iter().find(|c| c[0].effect.name() == effect);

@@ -8,6 +8,7 @@ use super::experiment::NextExperiment;
 use super::fitting::Work;
 use super::left::Left;
 use super::unknown::Unexplained;
+use crate::identification::Repeats;
 use crate::identification::fit::Estimate;
 use crate::model::Model;
 use crate::recording::Channel;
@@ -80,6 +81,8 @@ pub struct Diagnosis {
     pub left: Left,
     /// Names of effects and steps that were not tried for lack of time.
     pub not_tried: Vec<String>,
+    /// What repeats of the residual with everything found, and what does not; `None` where no motion repeats.
+    pub repeats: Option<Repeats>,
     /// Error that no known effect explains: for [`Verdict::Unknown`] with the formula in the model, in addition to
     /// confirmed effects with the formula as a proposal.
     pub unexplained: Option<Unexplained>,

@@ -16,6 +16,7 @@ use super::search::{Found, without_effects};
 use super::unknown::Unexplained;
 use crate::effects;
 use crate::evidence::{Finding, Visibility};
+use crate::identification::NoiseLevel;
 use crate::identification::fit::{Estimate, Fit, FitError};
 use crate::model::Model;
 
@@ -118,6 +119,9 @@ impl Conclusion {
         let twin_only: Vec<String> = problem::beyond(mounted).into_iter().map(|e| e.name().into()).collect();
         let unseen = unseen(&found, &twin_only);
         let [rms_before, rms_after] = [&found.start, &self.end].map(|judged| judged.rms().to_vec());
+        let datasets = judge.fitting.datasets;
+        let level = NoiseLevel::of(&self.end.fit.model, datasets);
+        let repeats = level.with_repeats(datasets, &self.end.fit.residuals).1;
         let (start, end) = (found.start.fit, self.end.fit);
         let mut model = end.model.clone();
         model.history.extend(budget.history());
@@ -138,6 +142,7 @@ impl Conclusion {
             changes: changes(&start, &end),
             parameters: [start.parameters, end.parameters],
             left,
+            repeats,
             not_tried: self.not_tried,
             unexplained: self.unexplained,
             sampling_lag: found.sampling_lag,

@@ -3,9 +3,10 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use super::problem::block;
 use crate::effects::{Effect, Param};
 use crate::identification::fit::{self, Fit, FitError, Options as FitOptions, fit_with};
-use crate::identification::{Dataset, NoiseLevel};
+use crate::identification::{Dataset, Laps, NoiseLevel, Repeats, Residuals};
 use crate::model::Model;
 
 /// Function that returns the share of the permitted time that has passed; 1 or more when it is up.
@@ -51,6 +52,8 @@ pub(super) struct Fitting<'a> {
     pub datasets: &'a [Dataset],
     /// Their noise.
     pub noise: NoiseLevel,
+    /// Noise of their means over [`block`] samples by repeated laps, where that differs from white noise; may be empty.
+    pub noise_of_means: Vec<Option<f64>>,
     /// Effects whose parameters are held.
     pub fixed: &'a [String],
     /// Effects outside the registry.
@@ -79,6 +82,7 @@ impl<'a> Fitting<'a> {
         Self {
             datasets,
             noise,
+            noise_of_means: Vec::new(),
             fixed: options.fixed,
             candidates: options.candidates,
             clock: options.clock,
@@ -86,6 +90,18 @@ impl<'a> Fitting<'a> {
             was_stopped: AtomicBool::new(false),
             work: Mutex::default(),
         }
+    }
+
+    /// With the noise of repeated laps where it is sharper than that of neighbouring samples.
+    ///
+    /// # Errors
+    /// [`FitError::Kinematics`] if the inverse dynamics of `model` fail at a measured pose.
+    pub fn with_repeats(mut self, model: &Model) -> Result<Self, FitError> {
+        let Some(laps) = Laps::find(self.datasets) else { return Ok(self) };
+        let residuals = Residuals::new(model, self.datasets)?;
+        self.noise = self.noise.with_laps(&laps, self.datasets, &residuals).0;
+        self.noise_of_means = Repeats::of_means(&laps, self.datasets, &residuals, &self.noise, block(self.datasets));
+        Ok(self)
     }
 
     /// Refits the parameters of `model` that are not fixed.

@@ -60,10 +60,10 @@ pub(super) struct Judge<'a> {
 }
 
 impl<'a> Judge<'a> {
-    pub fn new(fitting: &'a Fitting<'a>, model: &Model, held_out: &'a [Dataset]) -> Self {
+    pub fn new(fitting: &'a Fitting<'a>, model: &Model, held_out: &'a [Dataset]) -> Result<Self, FitError> {
         let own = || fitting.noise.pooled.clone();
-        let floor = if held_out.is_empty() { own() } else { NoiseLevel::of(model, held_out).pooled };
-        Self { fitting, held_out, floor }
+        let floor = if held_out.is_empty() { own() } else { NoiseLevel::measured(model, held_out)?.pooled };
+        Ok(Self { fitting, held_out, floor })
     }
 
     /// Validation data: the held-out recordings, or without any the fitted ones.

@@ -64,8 +64,8 @@ pub fn diagnose_with(
     progress: &mut dyn FnMut(&str),
 ) -> Result<Diagnosis, DiagnosisError> {
     check(datasets, held_out)?;
-    let fitting = Fitting::new(model, datasets, options);
-    let judge = Judge::new(&fitting, model, held_out);
+    let fitting = Fitting::new(model, datasets, options).with_repeats(model)?;
+    let judge = Judge::new(&fitting, model, held_out)?;
     progress("refit");
     let refitted = match options.fitted.filter(|_| options.fixed.is_empty()) {
         Some(fitted) => fitted.clone(),

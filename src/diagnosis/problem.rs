@@ -343,8 +343,9 @@ impl Fitting<'_> {
     /// Channels with the noise of their means over [`block`] samples.
     fn channels(&self) -> Vec<Channel> {
         let scale = (block(self.datasets) as f64).sqrt();
-        let channels = self.datasets[0].channels.iter().zip(&self.noise.pooled);
-        channels.map(|(c, sigma)| Channel { name: c.to_string(), noise_sigma: Some(sigma / scale) }).collect()
+        let sigma = |c: usize| self.noise_of_means.get(c).copied().flatten().unwrap_or(self.noise.pooled[c] / scale);
+        let channels = self.datasets[0].channels.iter().enumerate();
+        channels.map(|(c, channel)| Channel { name: channel.to_string(), noise_sigma: Some(sigma(c)) }).collect()
     }
 }
 

@@ -35,6 +35,7 @@ mod predict;
 pub mod problem;
 mod project;
 pub mod ranking;
+pub mod repeats;
 mod score;
 pub mod select;
 pub mod separation;

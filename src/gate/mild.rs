@@ -12,7 +12,7 @@ use crate::model::Model;
 
 /// Steepness of the friction feature, s/rad (eq. 48).
 pub(super) const STEEPNESS: f64 = 100.0;
-/// Mean decrease of ln(unexplained) per axis required for a lag.
+/// Decrease of ln(unexplained) required for a lag, of the mean over the axes or of one axis with a lag of its own.
 const LAG_GAIN: f64 = 0.4;
 /// Ratio to the noise that a constant must exceed, and share of the residual's mean square that it must explain.
 const OFFSET: (f64, f64) = (2.0, 0.5);
@@ -92,17 +92,15 @@ impl<'a> Context<'a> {
     fn lag(&self) -> Option<Finding> {
         let (dt, reach) = (self.instants.dataset.dt, self.instants.reach as isize);
         let drives = self.friction.len();
-        let cost = |lag: isize| {
-            (0..drives).filter_map(|i| Some(self.fit(i, lag)?.mean_square.max(f64::MIN_POSITIVE).ln())).sum::<f64>()
-        };
-        let costs: Vec<f64> = (-reach..=reach).map(cost).collect();
-        let best = (-reach..=reach).min_by(|a, b| {
-            let of = |lag: &isize| costs[(lag + reach) as usize];
-            of(a).total_cmp(&of(b))
-        })?;
+        let cost =
+            |axis: usize, lag: isize| self.fit(axis, lag).map_or(0.0, |f| f.mean_square.max(f64::MIN_POSITIVE).ln());
+        let of_each: Vec<Vec<f64>> =
+            (0..drives).map(|axis| (-reach..=reach).map(|lag| cost(axis, lag)).collect()).collect();
+        let costs: Vec<f64> = (0..of_each.first()?.len()).map(|k| of_each.iter().map(|c| c[k]).sum()).collect();
+        let best = least(&costs)? as isize - reach;
         let gain = (costs[reach as usize] - costs[(best + reach) as usize]) / drives as f64;
         if best == 0 || best.abs() == reach || gain < LAG_GAIN {
-            return None;
+            return self.lag_of_one(&of_each);
         }
         let lag = best as f64 * dt;
         let arms = 0..self.plant.mechanism.arms();
@@ -141,6 +139,37 @@ impl<'a> Context<'a> {
             },
             sentence,
             remedy: Remedy::Map((1..=drives).map(|k| format!("tau{k}=tau{k}@{milliseconds}ms")).collect()),
+        })
+    }
+
+    /// Lag of a single torque, where the others follow the angles best without any; `costs` by axis and lag.
+    fn lag_of_one(&self, costs: &[Vec<f64>]) -> Option<Finding> {
+        let (dt, reach) = (self.instants.dataset.dt, self.instants.reach);
+        let best = |(axis, costs): (usize, &Vec<f64>)| {
+            let least = least(costs)?;
+            Some((axis, least as isize - reach as isize, costs[reach] - costs[least]))
+        };
+        let clear = |(_, lag, gain): &(usize, isize, f64)| lag.unsigned_abs() % reach.max(1) != 0 && *gain > LAG_GAIN;
+        let mut late = costs.iter().enumerate().filter_map(best).filter(clear);
+        let (Some((axis, lag, _)), None) = (late.next(), late.next()) else { return None };
+        let (k, milliseconds) = (axis + 1, rounded(1e3 * lag as f64 * dt, 4));
+        Some(Finding {
+            recording: self.instants.dataset.name.clone(),
+            axis: Some(axis),
+            problem: Problem::Lag,
+            severe: false,
+            evidence: Evidence {
+                value: Some((lag as f64 * dt, dt / 2.0)),
+                rms_before: Some(rms(&self.residual(axis, 0))),
+                rms_after: Some(rms(&self.residual(axis, lag))),
+                ..Evidence::default()
+            },
+            sentence: format!(
+                "the torque of axis {k} comes {} ms {} against the angles and the other torques",
+                milliseconds.abs(),
+                if lag > 0 { "late" } else { "early" }
+            ),
+            remedy: Remedy::Map(vec![format!("tau{k}=tau{k}@{milliseconds}ms")]),
         })
     }
 
@@ -203,4 +232,9 @@ impl<'a> Context<'a> {
             remedy: Remedy::Map(vec![format!("tau{k}=tau{k}{:+}", -value)]),
         })
     }
+}
+
+/// Place of the least of `costs`.
+fn least(costs: &[f64]) -> Option<usize> {
+    (0..costs.len()).min_by(|a, b| costs[*a].total_cmp(&costs[*b]))
 }

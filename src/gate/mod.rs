@@ -11,6 +11,7 @@ mod line;
 mod load;
 mod low_pass;
 mod mild;
+mod positions;
 mod severe;
 
 use std::fmt;
@@ -18,6 +19,7 @@ use std::fmt;
 pub use alone::{carries_weight_alone, folded, inspect};
 pub use arrangement::Arrangement;
 pub use line::Line;
+pub use positions::positions;
 
 use self::instants::{Instants, Predicted, plain};
 use crate::identification::Dataset;
@@ -45,7 +47,7 @@ pub enum Problem {
     AnotherMachine,
     /// The torque does not follow the model's for an unknown reason.
     Unrelated,
-    /// Torques are delayed or advanced relative to the angles.
+    /// Torques, or positions of the end effector, are delayed or advanced relative to the angles.
     Lag,
     /// Torques are low-pass filtered, angles are not.
     LowPass,

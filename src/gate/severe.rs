@@ -37,6 +37,10 @@ const BETTER: (f64, f64) = (4.0, 0.9);
 const UNLIKE: f64 = 1.3;
 /// Slope over the weight below which torques are without it, and slopes over the inertia that they then have.
 const WEIGHTLESS: (f64, std::ops::Range<f64>) = (0.1, 0.5..2.0);
+/// Largest values of torques in whole numbers that are per mille or counts of a drive, and difference from a power of ten
+/// up to which they are in N·cm or the like.
+const WHOLE: std::ops::Range<f64> = 50.0..40_000.0;
+const NEAR_POWER: f64 = 0.05;
 /// Ratio of the RMS of measured − predicted to that of the measured torque, above which the model predicts nothing.
 const WORTHLESS: f64 = 2.0;
 
@@ -192,7 +196,19 @@ impl Context<'_> {
         if (SLOPE.0..SLOPE.1).contains(&size) || line.correlation.abs() < certain {
             return sign;
         }
+        if self.is_whole(axis) {
+            let factor = 1.0 / size;
+            let power = 10f64.powi(factor.log10().round() as i32);
+            return sign * if (factor / power - 1.0).abs() < NEAR_POWER { power } else { rounded(factor, 3) };
+        }
         sign * self.gear(axis, size).unwrap_or_else(|| nice(1.0 / size))
+    }
+
+    /// Whether a torque consists of whole numbers up to some thousands: per mille or counts.
+    fn is_whole(&self, axis: usize) -> bool {
+        let series = &self.instants.dataset.measured[self.judged.arrangement.torque[axis]];
+        let most = series.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+        WHOLE.contains(&most) && series.iter().all(|x| x.fract() == 0.0)
     }
 
     /// The gear ratio or its reciprocal, if the slope matches it.
@@ -234,7 +250,7 @@ impl Context<'_> {
             if scale < 0.0 { Problem::AxisSign } else { Problem::PositionSign }
         } else if scale < 0.0 {
             Problem::TorqueSign
-        } else if factor && self.gear(axis, 1.0 / scale) == Some(scale) {
+        } else if factor && !self.is_whole(axis) && self.gear(axis, 1.0 / scale) == Some(scale) {
             Problem::MotorSide
         } else if factor {
             Problem::Factor
@@ -277,6 +293,13 @@ impl Context<'_> {
                 format!("the torque of axis {k} is that of the motor, before a gear of {scale}")
             }
             Problem::MotorSide => format!("the torque of axis {k} holds the gear ratio {} twice", 1.0 / scale),
+            _ if self.is_whole(axis) => format!(
+                "the torque of axis {k} is in whole numbers, {} times too large: per mille of a rated torque of {} {} at the \
+                 joint, or counts of a drive",
+                rounded(1.0 / scale, 3),
+                rounded(1000.0 * scale, 3),
+                self.instants.dataset.channels[axis].unit(self.instants.dataset.mechanism)
+            ),
             _ => format!("the torque of axis {k} is {} times too large: unit or torque constant?", nice(1.0 / scale)),
         }
     }

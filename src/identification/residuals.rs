@@ -33,8 +33,9 @@ impl HeldOut {
         if held_out.is_empty() {
             return Ok(None);
         }
-        let rms = Residuals::new(model, held_out)?.rms;
-        Ok(Some(Self { rms, noise_floor: NoiseLevel::of(model, held_out).pooled }))
+        let residuals = Residuals::new(model, held_out)?;
+        let noise_floor = NoiseLevel::of(model, held_out).with_repeats(held_out, &residuals).0.pooled;
+        Ok(Some(Self { rms: residuals.rms, noise_floor }))
     }
 }
 

@@ -11,7 +11,7 @@ use std::path::Path;
 use common::{encoded, model, planned};
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
-use deltatwin::gate::{Finding, Problem, Remedy, combined, examine};
+use deltatwin::gate::{Finding, Problem, Remedy, combined, examine, positions};
 use deltatwin::identification::{Dataset, predict};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::{Payload, Setup};
@@ -244,6 +244,95 @@ fn a_lag_is_named_and_mended() {
     assert!((lag - 4e-3).abs() < 1.1e-3, "{lag}");
 }
 
+#[test]
+fn a_lag_of_one_torque_is_named_and_mended() {
+    common::at_root();
+    for axis in 0..3 {
+        let found = found_and_mended(|s| {
+            let late = (0..s.len()).map(|k| s[Channel::Torque(axis)][k.saturating_sub(8)]).collect();
+            s.set(Channel::Torque(axis), late);
+        });
+        assert_eq!(problems(&found), [(Some(axis + 1), Problem::Lag)]);
+        let lag = found[0].evidence.value.unwrap().0;
+        assert!((lag - 8e-3).abs() < 1.1e-3 && !found[0].severe, "{axis}: {lag}");
+        let end = " late against the angles and the other torques";
+        assert!(found[0].sentence.ends_with(end), "{}", found[0].sentence);
+    }
+}
+
+/// Positions of the platform by a camera with a frame of its own and noise of 0.2 mm, every `every` samples, the values held
+/// in between and `late` samples late.
+fn seen_by_camera(recording: &mut Recording, every: usize, late: usize) {
+    let geometry = nominal().geometry;
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let noise = Normal::new(0.0, 2e-4).expect("a width");
+    let signals = &mut recording.signals;
+    let mut ee: Vec<[f64; 3]> = Vec::new();
+    for k in 0..signals.len() {
+        let held = ee.last().copied().filter(|_| k % every != 0);
+        ee.push(held.unwrap_or_else(|| {
+            let place = geometry.forward(&signals.q().at(k.saturating_sub(late))).expect("in reach");
+            std::array::from_fn(|i| place[i] + [0.01, -0.02, 0.3][i] + noise.sample(&mut rng))
+        }));
+    }
+    signals.set_rows(Channel::EndEffector, &ee);
+}
+
+#[test]
+fn a_lag_of_positions_is_named_and_mended() {
+    common::at_root();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("run.csv");
+    for (every, late) in [(10, 20), (1, 3), (10, 0), (1, 0)] {
+        let mut recording = measured(&robot(3), &motion(5), Payload::default(), 7);
+        seen_by_camera(&mut recording, every, late);
+        let Some(found) = positions(&nominal(), &recording) else {
+            assert_eq!(late, 0, "{every}");
+            continue;
+        };
+        let (lag, std) = found.evidence.value.unwrap();
+        assert!((lag - late as f64 * PERIOD).abs() < 4.0 * std && std < 1e-4, "{late}: {lag} {std}");
+        assert!(!found.severe && late > 0, "{found:?}");
+        let start = format!("the positions ee_x, ee_y, ee_z come {late}");
+        assert!(
+            found.sentence.starts_with(&start) && found.sentence.ends_with(" ms late against the angles"),
+            "{found:?}"
+        );
+        recording::write(&recording, &file).unwrap();
+        let Remedy::Map(assignments) = &found.remedy else { panic!("{found:?}") };
+        let maps = [assignments.join(", ").parse().unwrap()];
+        let (mended, _) = recording::read_as(&file, &Reading { maps: &maps, ..Reading::default() }).unwrap();
+        assert!(positions(&nominal(), &mended).is_none(), "{assignments:?}");
+    }
+    // Without positions there is nothing to say, and those of another machine are not late.
+    let mut recording = measured(&robot(3), &motion(5), Payload::default(), 7);
+    assert!(positions(&nominal(), &recording).is_none());
+    seen_by_camera(&mut recording, 1, 20);
+    each(&mut recording.signals, |q, _| q.swap(0, 1));
+    assert!(positions(&nominal(), &recording).is_none());
+}
+
+/// Torques in per mille of a rated torque and in counts of a drive, as whole numbers.
+#[test]
+fn whole_numbers_of_a_drive_are_scaled_by_the_model() {
+    common::at_root();
+    for rated in [[66.0, 66.0, 66.0, 16.0], [18.7, 24.3, 30.1, 8.2], [8.192; 4]] {
+        let found = found_and_mended(|s| {
+            each(s, |_, tau| {
+                (0..4).for_each(|i| tau[i] = (1000.0 * tau[i] / rated[i]).round());
+            })
+        });
+        assert_eq!(problems(&found), [1, 2, 3, 4].map(|k| (Some(k), Problem::Factor)), "{rated:?}");
+        for (f, rated) in found.iter().zip(rated) {
+            let Remedy::Map(map) = &f.remedy else { panic!("{f:?}") };
+            let factor: f64 = map[0].split_once('=').unwrap().1.split_once('*').unwrap().0.parse().unwrap();
+            assert!((1000.0 * factor / rated - 1.0).abs() < 0.1, "{rated}: {map:?}");
+        }
+        println!("{}", found[0].sentence);
+        assert!(found[0].sentence.starts_with("the torque of axis 1 is in whole numbers, "), "{}", found[0].sentence);
+    }
+}
+
 /// The torques through a low-pass of first order.
 fn low_passed(s: &mut Signals, frequency: f64) {
     let share = 1.0 - (-std::f64::consts::TAU * frequency * PERIOD).exp();
@@ -417,7 +506,10 @@ fn no_effect_of_the_catalogue_is_refused() {
             let found = examine(&model, &Dataset::new(&recording));
             // A low-pass of the torques is told where it is, and nowhere else.
             let filtered = effect.name() == "torque_filter";
-            let refused = |f: &Finding| (f.severe || f.problem == Problem::LowPass && !filtered) && !is_unit(f);
+            // Nor is the torque of one axis late.
+            let is_lag = |f: &Finding| f.problem == Problem::Lag && f.axis.is_some();
+            let refused =
+                |f: &Finding| (f.severe || f.problem == Problem::LowPass && !filtered || is_lag(f)) && !is_unit(f);
             assert!(!found.iter().any(refused), "{}: {found:?}", effect.name());
         }
     }

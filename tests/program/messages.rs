@@ -91,6 +91,8 @@ const CELLS: &[[&str; 3]] = &[
 /// `run.csv` with a replacement, and `check run.csv --model axis.toml`.
 const RECORDINGS: &[[&str; 3]] = &[
     ["missing column", "t,q1,tau1\n", "t,q1,temperature\n"],
+    ["torque in per mille", "t,q1,tau1\n", "t,q1,Torque [‰]\n"],
+    ["torque in counts", "t,q1,tau1\n", "t,q1,Torque (counts)\n"],
     ["column given twice", "t,q1,tau1\n", "t,q1,q1\n"],
     ["NaN in a row", "0.400,-0.100,", "0.400,NaN,"],
     ["empty cell", "0.400,-0.100,", "0.400,,"],

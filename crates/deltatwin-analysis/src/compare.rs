@@ -3,7 +3,7 @@
 use serde_json::{Map, Value, json};
 
 use crate::gate;
-use crate::json::{channel_names, insert_channels, insert_held_out};
+use crate::json::{channel_names, insert_channels, insert_held_out, repeats};
 use deltatwin::comparison::{Comparison, Finding};
 
 /// The comparison as a JSON object, with what the gate said about its recordings.
@@ -13,6 +13,7 @@ pub fn json(c: &Comparison, findings: &[deltatwin::gate::Finding]) -> Value {
     insert_channels(&mut object, "rms", &c.channels, &c.rms);
     insert_channels(&mut object, "noise_floor", &c.channels, &c.noise_floor);
     insert_held_out(&mut object, &c.channels, c.held_out.as_ref());
+    object.insert("repeats".into(), repeats(c.repeats.as_ref()));
     let finding = |f: &Finding| {
         json!({
             "axis": f.channel.drive().map(|i| i + 1),

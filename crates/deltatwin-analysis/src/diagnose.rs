@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde_json::{Map, Value, json};
 
-use crate::json::{channel_names, estimates, insert_channels, path};
+use crate::json::{channel_names, estimates, insert_channels, path, repeats};
 use crate::{budget, unexplained};
 use deltatwin::diagnosis::confidence::{Confidence, Truth};
 use deltatwin::diagnosis::{CandidateReport, Diagnosis, Named, NextExperiment, Verdict};
@@ -22,6 +22,7 @@ pub fn json(d: &Diagnosis, model: Option<&Path>, scenario: Option<&Path>) -> Val
     insert_channels(&mut object, "noise_floor", &d.channels, &d.noise_floor);
     insert_channels(&mut object, "rms_before", &d.channels, &d.rms_before);
     insert_channels(&mut object, "rms_after", &d.channels, &d.rms_after);
+    object.insert("repeats".into(), repeats(d.repeats.as_ref()));
     object.insert("effects".into(), d.effects.iter().map(effect).collect());
     object.insert("candidates".into(), d.candidates.iter().map(candidate).collect());
     object.insert("indistinguishable".into(), json!(d.indistinguishable));

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
+use deltatwin::identification::repeats::{Drift, Repeats, Share};
 use deltatwin::identification::{Estimate, HeldOut};
 use deltatwin::recording::Channel;
 
@@ -45,6 +46,32 @@ pub fn insert_held_out(object: &mut Map<String, Value>, channels: &[Channel], he
         }
         None => object.extend(["held_out_rms", "held_out_noise_floor"].map(|key| (key.into(), Value::Null))),
     }
+}
+
+/// What repeats of a residual from lap to lap; null where no motion repeats.
+pub fn repeats(repeats: Option<&Repeats>) -> Value {
+    let Some(all) = repeats else { return Value::Null };
+    let channel = |s: &Share| {
+        let change = s.drift.map(|drift| match drift {
+            Drift::Friction(x) => json!({"of": "friction", "value": x}),
+            Drift::Mean(x) => json!({"of": "mean", "value": x}),
+            Drift::Other(x) => json!({"of": "other", "value": x}),
+        });
+        json!({
+            "channel": s.channel.to_string(),
+            "residual": s.parts.rms,
+            "repeats": s.parts.repeats.0,
+            "repeats_std": s.parts.repeats.1,
+            "noise": s.parts.noise.0,
+            "noise_std": s.parts.noise.1,
+            "drift": s.parts.drift,
+            "change": change,
+            "is_floor": s.floor.is_some(),
+            "sentence": s.sentence(),
+        })
+    };
+    let channels: Vec<Value> = all.channels.iter().map(channel).collect();
+    json!({"laps": all.laps, "recordings": all.recordings, "period": all.period, "channels": channels})
 }
 
 /// Names of channels as JSON.

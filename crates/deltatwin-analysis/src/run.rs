@@ -180,7 +180,7 @@ pub fn identify(model: &Model, data: &Data) -> Result<Identification, FitError> 
 
 /// As [`identify`]; the fit ends with the best parameters so far once `stop` returns true.
 fn identify_until(model: &Model, data: &Data, stop: Option<Stop>) -> Result<Identification, FitError> {
-    let noise = NoiseLevel::of(model, &data.datasets);
+    let noise = NoiseLevel::measured(model, &data.datasets)?;
     let options = fit::Options { stop, ..fit::Options::default() };
     let fitted = fit_with(model, &data.datasets, &noise.of_each, &options)?;
     let held_out = HeldOut::new(&fitted.model, &data.held_out)?;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use miette::{IntoDiagnostic, WrapErr};
 
-use deltatwin::gate::{Finding, examine, folded, inspect};
+use deltatwin::gate::{Finding, examine, folded, inspect, positions};
 use deltatwin::identification::{Dataset, swapped};
 use deltatwin::machine::{Configuration, Setup};
 use deltatwin::model::{Model, summary};
@@ -156,7 +156,7 @@ fn recording(path: &Path, &Examination { how, model, payload_mass }: &Examinatio
         // For a model with elastic gears; of a long recording they are large.
         dataset.readings = Default::default();
     }
-    let gate = model.map(|m| examine(m, &dataset));
+    let gate = model.map(|m| examine(m, &dataset).into_iter().chain(positions(m, &recording)).collect::<Vec<_>>());
     // What the gate has said about an axis with the model's help is not said again.
     let said = |f: &Finding| gate.iter().flatten().any(|g| g.axis == f.axis && g.problem == f.problem);
     let mut alone = inspect(&recording, &dataset);

@@ -9,6 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use miette::{IntoDiagnostic, WrapErr, miette};
 use serde_json::{Value, json};
 
+use deltatwin::identification::repeats::{Repeats, Share, with_error};
 use deltatwin::machine::Mechanism;
 use deltatwin::model::Model;
 use deltatwin::recording::Channel;
@@ -200,6 +201,14 @@ pub fn input(role: &'static str, file: &Path) -> miette::Result<Input> {
     Input::of(role, file).into_diagnostic().wrap_err_with(|| format!("{}: cannot be read", file.display()))
 }
 
+/// Prints what repeats of a residual from lap to lap and what does not.
+pub fn say_repeats(repeats: &Repeats) -> miette::Result<()> {
+    say(format!("\n{}", Table::of_repeats(repeats)))?;
+    let mut notes =
+        repeats.channels.iter().flat_map(|s| s.notes().into_iter().map(|note| format!("{}: {note}", s.channel)));
+    notes.try_for_each(|note| say(wrapped(&note, 2)))
+}
+
 /// Rows of text in aligned columns; the first column is left-aligned.
 pub struct Table {
     rows: Vec<Vec<String>>,
@@ -215,6 +224,17 @@ impl Table {
     /// Adds a row.
     pub fn row(&mut self, cells: impl IntoIterator<Item = String>) {
         self.rows.push(cells.into_iter().collect());
+    }
+
+    /// Table of what repeats of a residual from lap to lap and what does not.
+    pub fn of_repeats(repeats: &Repeats) -> Self {
+        let first = format!("RMS, {}", repeats.laps());
+        let mut table = Self::new(&[&first, "residual", "repeats (model)", "differs (noise)", ""], &[4]);
+        for Share { channel, mechanism: m, parts: p, .. } in &repeats.channels {
+            let values = [significant(p.rms, 4), with_error(p.repeats), with_error(p.noise)];
+            table.row([channel.title(*m)].into_iter().chain(values).chain([channel.unit(*m).to_string()]));
+        }
+        table
     }
 
     /// Table of per-channel values with unit, one row per channel; missing series have no column.

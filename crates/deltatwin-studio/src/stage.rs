@@ -106,7 +106,7 @@ impl Task {
     /// Errors of a model on the recordings that judge.
     fn errors_of(&self, model: &Model) -> miette::Result<Errors> {
         let rms = Residuals::new(model, self.judged()).into_diagnostic()?.rms;
-        Ok(self.errors(rms, NoiseLevel::of(model, self.judged()).pooled))
+        Ok(self.errors(rms, NoiseLevel::measured(model, self.judged()).into_diagnostic()?.pooled))
     }
 
     /// A new version in use after this stage.

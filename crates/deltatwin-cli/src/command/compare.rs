@@ -7,7 +7,9 @@ use miette::{IntoDiagnostic, WrapErr};
 use crate::command::gate::guard;
 use crate::data::{Data, DataArgs, positive};
 use crate::report::{check_report, write_report};
-use crate::terminal::{BAD_ANSWER, DONE, Table, check_output, input, origin, say, spinner, warn, write_figure};
+use crate::terminal::{
+    BAD_ANSWER, DONE, Table, check_output, input, origin, say, say_repeats, spinner, warn, write_figure,
+};
 use deltatwin::comparison::{Comparison, compare};
 use deltatwin::identification::HeldOut;
 use deltatwin::model::Model;
@@ -101,6 +103,9 @@ fn print(c: &Comparison) -> miette::Result<()> {
         ("held-out noise", other_noise(&c.noise_floor, c.held_out.as_ref())),
     ];
     say(Table::of_channels(c.mechanism, &c.channels, &series))?;
+    if let Some(repeats) = &c.repeats {
+        say_repeats(repeats)?;
+    }
     if c.findings.is_empty() {
         return say("\n  Nothing stands out.");
     }

@@ -66,7 +66,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     warn(&data.warnings);
     data.check_held(args.how.fixed(), &model)?;
     guard(&model, &data, &args.data)?;
-    let noise = NoiseLevel::of(&model, &data.datasets);
+    let noise = NoiseLevel::measured(&model, &data.datasets).map_err(refusal)?;
     let prior = args.how.prior(&model)?;
     let options = args.how.options(prior.as_ref());
     if args.payload {

@@ -3,7 +3,7 @@
 use super::Args;
 use super::unexplained;
 use crate::data::DataArgs;
-use crate::terminal::{Table, command, error_bars, grouped, say, wrapped};
+use crate::terminal::{Table, command, error_bars, grouped, say, say_repeats, wrapped};
 use deltatwin::diagnosis::candidates::{Standing, Untestable};
 use deltatwin::diagnosis::{CandidateReport, Diagnosis, Verdict};
 use deltatwin::identification::Estimate;
@@ -36,6 +36,9 @@ pub fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
         "{gap}{}",
         error_bars(d.model.mechanism, &d.channels, held_out, &d.rms_before, &d.rms_after, &d.noise_floor)
     ))?;
+    if let Some(repeats) = &d.repeats {
+        say_repeats(repeats)?;
+    }
     if let Some(lag) = d.sampling_lag {
         let size = significant(1e3 * lag.abs(), 2);
         let text = if lag < 0.0 {

@@ -30,6 +30,8 @@ pub(super) struct Assignment {
     pub offset: f64,
     /// Delay, s.
     pub delay: f64,
+    /// Whether a factor is written, which may be 1.
+    pub scaled: bool,
 }
 
 impl FromStr for Mapping {
@@ -84,11 +86,12 @@ impl fmt::Display for Mapping {
                 name if name.contains('\'') => "\"",
                 _ => "'",
             };
-            write!(f, "{}{}={quote}{}{quote}", if i > 0 { ", " } else { "" }, a.channel, a.column)?;
+            let (comma, minus) = (if i > 0 { ", " } else { "" }, a.factor == -1.0 && !a.scaled);
+            write!(f, "{comma}{}={}{quote}{}{quote}", a.channel, if minus { "-" } else { "" }, a.column)?;
             if let Some(unit) = a.unit {
                 write!(f, "[{}]", unit.name)?;
             }
-            if a.factor != 1.0 {
+            if a.scaled {
                 write!(f, "*{}", a.factor)?;
             }
             if a.offset != 0.0 {
@@ -133,14 +136,14 @@ struct Parser<'a>(&'a str);
 
 impl<'a> Parser<'a> {
     fn assignment(mut self, channel: &str) -> Result<Assignment, String> {
-        let mut factor = 1.0;
+        let (mut factor, mut scaled) = (1.0, false);
         if self.take('-') {
             factor = -1.0;
         }
         if let Some((value, rest)) = leading_number(self.0)
             && let Some(rest) = rest.trim_start().strip_prefix('*')
         {
-            factor *= value;
+            (factor, scaled) = (factor * value, true);
             self.0 = rest.trim_start();
         }
         let column = self.column()?;
@@ -154,6 +157,7 @@ impl<'a> Parser<'a> {
             } else {
                 break;
             }
+            scaled = true;
         }
         if self.take('+') {
             offset = self.number()?;
@@ -170,7 +174,7 @@ impl<'a> Parser<'a> {
         if !factor.is_finite() || factor == 0.0 || !offset.is_finite() {
             return Err(format!("factor {factor} and offset {offset}; expected finite numbers, the factor not zero"));
         }
-        Ok(Assignment { channel: channel.into(), column, unit, factor, offset, delay })
+        Ok(Assignment { channel: channel.into(), column, unit, factor, offset, delay, scaled })
     }
 
     fn take(&mut self, c: char) -> bool {
@@ -276,7 +280,9 @@ mod tests {
 
     #[test]
     fn a_mapping_is_printed_as_it_is_read() {
-        for text in ["t=Time[ms], q1=ActPos[deg]-90@-4ms", "tau1=-33*'a, b'[A]/7+0.5, q2=x", "q1=\"it's\"*1e-7"] {
+        for text in
+            ["t=Time[ms], q1=-ActPos[deg]-90@-4ms, tau1=trq[‰]*1", "tau1=-33*'a, b'[A]/7+0.5, q2=x", "q1=\"it's\"*1e-7"]
+        {
             let mapping: Mapping = text.parse().unwrap();
             assert_eq!(mapping.to_string().parse::<Mapping>().unwrap(), mapping, "{mapping}");
         }

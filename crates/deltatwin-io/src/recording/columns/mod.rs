@@ -386,7 +386,16 @@ impl Reader<'_> {
                 }
                 _ => "",
             };
-            let factor = format!("a factor to SI, such as --map \"{channel}='{name}'[{}]*0.12\"{lone}", unit.name);
+            let found = " (with *1 `check --model` finds it)";
+            let (share, found) = match unit.name {
+                "%" => (", the rated torque at the joint / 100", found),
+                "‰" => (", the rated torque at the joint / 1000", found),
+                "inc" => (", the torque of a count at the joint", found),
+                _ => ("", ""),
+            };
+            let unit = unit.name;
+            let factor =
+                format!("a factor to SI{share}, such as --map \"{channel}='{name}'[{unit}]*0.12\"{found}{lone}");
             return self.refuse(problem, factor);
         }
         let expected = match (wanted, unit.quantity) {
@@ -456,10 +465,9 @@ impl Reader<'_> {
         Ok(Source { column, factor: unit * a.factor, offset: unit * a.offset, delay: a.delay, quantity })
     }
 
-    /// Whether an assignment scales its column to another quantity: by a factor other than a sign, on a machine that is
-    /// not in ampere.
+    /// Whether an assignment scales its column to another quantity, on a machine that is not in ampere.
     fn scales(&self, a: &Assignment) -> bool {
-        a.factor.abs() != 1.0 && self.machine.is_none_or(|m| m.effort() == Effort::Force)
+        a.scaled && self.machine.is_none_or(|m| m.effort() == Effort::Force)
     }
 }
 

@@ -23,7 +23,7 @@ pub enum Quantity {
     Force,
     /// A; proportional to the torque of a motor.
     Current,
-    /// A signal proportional to torque without a physical unit of its own: percent, volt, increments.
+    /// A signal proportional to torque without a physical unit of its own: percent, per mille, volt, increments.
     Signal,
 }
 
@@ -80,6 +80,7 @@ const UNITS: &[Unit] = &[
     unit("A", Quantity::Current, 1.0),
     unit("mA", Quantity::Current, 1e-3),
     unit("%", Quantity::Signal, 1.0),
+    unit("‰", Quantity::Signal, 1.0),
     unit("V", Quantity::Signal, 1.0),
     unit("inc", Quantity::Signal, 1.0),
 ];
@@ -129,7 +130,18 @@ const OTHER_NAMES: &[(&str, &str)] = &[
     ("milliamps", "mA"),
     ("amps", "A"),
     ("percent", "%"),
+    ("permille", "‰"),
+    ("permil", "‰"),
+    ("promille", "‰"),
+    ("count", "inc"),
     ("counts", "inc"),
+    ("cnt", "inc"),
+    ("cnts", "inc"),
+    ("incs", "inc"),
+    ("incr", "inc"),
+    ("increments", "inc"),
+    ("digits", "inc"),
+    ("lsb", "inc"),
     ("ticks", "inc"),
 ];
 
@@ -169,6 +181,8 @@ mod tests {
             ("1/min", "rpm", 0.10471975511965977),
             ("MS", "ms", 1e-3),
             ("rad/s^2", "rad/s2", 1.0),
+            ("per mille", "‰", 1.0),
+            ("counts", "inc", 1.0),
         ] {
             let unit = Unit::find(text).unwrap_or_else(|| panic!("{text}"));
             assert_eq!((unit.name, unit.factor), (name, factor), "{text}");
