@@ -1,7 +1,7 @@
 //! Delay of the reported torque relative to the position.
 
 use super::{About, Effect, Kind, Parameter, Part, Role, Sensor, Spec, Start, Unit, Values};
-use crate::recording::Signals;
+use crate::recording::{Signals, is_even};
 
 /// Reported torque τ(t − d) with the same delay d (s) for all drives. It is negative where a command is reported that
 /// acts later: a controller that holds its torque over a sampling period acts half a period after the command.
@@ -45,16 +45,36 @@ impl Sensor for SignalDelay {
         if step <= 0.0 || values.one(0) == 0.0 {
             return;
         }
-        let shift = values.one(0) / step;
         let source = signals.tau.clone();
+        let even = is_even(&signals.t, step);
+        let shift = values.one(0) / step;
+        let mut next = 0;
         for (k, tau) in signals.tau.iter_mut().enumerate() {
-            *tau = interpolate(&source, k as f64 - shift);
+            let place =
+                if even { k as f64 - shift } else { place(&signals.t, signals.t[k] - values.one(0), &mut next) };
+            *tau = if even { interpolate(&source, place) } else { between(&source, place) };
         }
     }
 
     fn reach(&self, values: &Values) -> [f64; 2] {
         [values.one(0).max(0.0), (-values.one(0)).max(0.0)]
     }
+}
+
+/// Position of the time `t` among increasing times, as sample and share of the step after it; `next` is the last one's, and
+/// the times asked for increase.
+fn place(times: &[f64], t: f64, next: &mut usize) -> f64 {
+    while *next + 2 < times.len() && times[*next + 1] <= t {
+        *next += 1;
+    }
+    *next as f64 + (t - times[*next]) / (times[*next + 1] - times[*next])
+}
+
+/// Linear interpolation at sample position `x`, constant beyond the ends.
+fn between<const N: usize>(samples: &[[f64; N]], x: f64) -> [f64; N] {
+    let x = x.clamp(0.0, (samples.len() - 1) as f64);
+    let k = (x as usize).min(samples.len() - 2);
+    std::array::from_fn(|a| samples[k][a] + (x - k as f64) * (samples[k + 1][a] - samples[k][a]))
 }
 
 /// Four-point Lagrange interpolation at sample position `x`, constant beyond the ends.
@@ -77,6 +97,16 @@ mod tests {
 
     use super::*;
     use crate::effects::ActiveEffect;
+
+    #[test]
+    fn times_that_are_not_even_count() {
+        let t: Vec<f64> = (0..20).map(|k| 0.01 * (f64::from(k) + 0.3 * f64::from(k).sin())).collect();
+        let tau = t.iter().map(|&t| [3.0 * t + 1.0; 4]).collect();
+        let mut s = Signals { t, tau, ..Signals::default() };
+        let active = ActiveEffect::new(Arc::new(SignalDelay), &[&[0.0137]]);
+        SignalDelay.observe(&active.values(), &mut s);
+        approx::assert_relative_eq!(s.tau[10][2], 3.0 * (s.t[10] - 0.0137) + 1.0, epsilon = 1e-12);
+    }
 
     #[test]
     fn cubic_signals_are_shifted_exactly() {
