@@ -42,6 +42,7 @@ mod random;
 mod reference;
 mod scenarios;
 mod shapes;
+mod slow;
 mod stiff;
 mod traps;
 mod twin;

@@ -1,7 +1,7 @@
 //! Delay of the reported torque relative to the position.
 
 use super::{About, Effect, Kind, Parameter, Part, Role, Sensor, Spec, Start, Unit, Values};
-use crate::recording::Signals;
+use crate::recording::{Signals, is_even};
 
 /// Reported torque τ(t − d) with the same delay d (s) for all drives. It is negative where a command is reported that
 /// acts later: a controller that holds its torque over a sampling period acts half a period after the command.
@@ -45,16 +45,40 @@ impl Sensor for SignalDelay {
         if step <= 0.0 || values.one(0) == 0.0 {
             return;
         }
+        let even = is_even(&signals.t, step);
         let shift = values.one(0) / step;
+        let mut next = 0;
+        let late = |t: &f64| place(&signals.t, t - values.one(0), &mut next);
+        let places: Vec<f64> = match even {
+            true => (0..signals.len()).map(|k| k as f64 - shift).collect(),
+            false => signals.t.iter().map(late).collect(),
+        };
         for tau in signals.torques_mut() {
             let source = std::mem::take(tau);
-            tau.extend((0..source.len()).map(|k| interpolate(&source, k as f64 - shift)));
+            let at = |x: &f64| if even { interpolate(&source, *x) } else { between(&source, *x) };
+            tau.extend(places.iter().map(at));
         }
     }
 
     fn reach(&self, values: &Values) -> [f64; 2] {
         [values.one(0).max(0.0), (-values.one(0)).max(0.0)]
     }
+}
+
+/// Position of the time `t` among increasing times, as sample and share of the step after it; `next` is the last one's, and
+/// the times asked for increase.
+fn place(times: &[f64], t: f64, next: &mut usize) -> f64 {
+    while *next + 2 < times.len() && times[*next + 1] <= t {
+        *next += 1;
+    }
+    *next as f64 + (t - times[*next]) / (times[*next + 1] - times[*next])
+}
+
+/// Linear interpolation at sample position `x`, constant beyond the ends.
+fn between(samples: &[f64], x: f64) -> f64 {
+    let x = x.clamp(0.0, (samples.len() - 1) as f64);
+    let k = (x as usize).min(samples.len() - 2);
+    samples[k] + (x - k as f64) * (samples[k + 1] - samples[k])
 }
 
 /// Four-point Lagrange interpolation at sample position `x`, constant beyond the ends.
@@ -79,6 +103,17 @@ mod tests {
     use crate::effects::ActiveEffect;
     use crate::machine::Mechanism;
     use crate::recording::Channel;
+
+    #[test]
+    fn times_that_are_not_even_count() {
+        let t: Vec<f64> = (0..20).map(|k| 0.01 * (f64::from(k) + 0.3 * f64::from(k).sin())).collect();
+        let tau = t.iter().map(|&t| 3.0 * t + 1.0).collect();
+        let mut s = Signals::new(Mechanism::default(), t);
+        s.set(Channel::Torque(2), tau);
+        let active = ActiveEffect::new(Arc::new(SignalDelay), &[&[0.0137]]);
+        SignalDelay.observe(&active.values(), &mut s);
+        approx::assert_relative_eq!(s[Channel::Torque(2)][10], 3.0 * (s.t[10] - 0.0137) + 1.0, epsilon = 1e-12);
+    }
 
     #[test]
     fn cubic_signals_are_shifted_exactly() {

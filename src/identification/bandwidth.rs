@@ -126,7 +126,8 @@ fn delayed(dataset: &Dataset, series: &[f64], late: f64) -> Vec<f64> {
     out
 }
 
-/// Accelerations of a lone axis after a Butterworth filter of second order, forward and backward.
+/// Accelerations of a lone axis after a Butterworth filter of second order, forward and backward. Unequal steps count as
+/// one sampling period each.
 fn low_passed(dataset: &Dataset, cut_off: f64) -> Vec<f64> {
     // The bilinear transform of 1/(s² + √2·s + 1) at tan(π·f·T).
     let k = (PI * cut_off * dataset.dt).tan();

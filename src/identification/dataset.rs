@@ -9,8 +9,7 @@ use crate::evidence::noise::difference_sigma;
 use crate::kinematics::JointState;
 use crate::machine::{AXES, Configuration, Mechanism, Part, STRUTS, Setup};
 use crate::model::Model;
-use crate::recording::Channel;
-use crate::recording::{Recording, Rows, Signals};
+use crate::recording::{Channel, Recording, Rows, Signals, is_even};
 
 /// Half width of the differentiation, s, up to which reversals are resolved.
 const RESOLVED: f64 = 0.03;
@@ -22,8 +21,10 @@ const STANDING: f64 = 0.3;
 const STILL: (f64, f64) = (3.0, 1e-5);
 /// Duration of means, s, whose differences still show noise only: a torque is smooth over a few of them.
 const SMOOTH: f64 = 2e-3;
-/// Least share of the samples in motion with which those at rest are left out.
+/// Least share of the samples in motion with which those at rest are left out; at unequal times, least number of them: ten
+/// for each parameter of inertia, friction and weight.
 const MOVING: f64 = 0.2;
+const ENOUGH: f64 = 50.0;
 
 /// Smoothed joint motion with the measured channels at the same samples.
 #[derive(Clone, Debug)]
@@ -104,8 +105,10 @@ impl Dataset {
     pub fn with(recording: &Recording, method: Method) -> Self {
         let signals = &recording.signals;
         let (dt, stretches) = (signals.sample_time(), signals.stretches());
-        let angles = Angles::new(signals.q(), &stretches, dt);
+        let angles = Angles::new(signals.q(), &signals.t, &stretches, dt);
         let channels = measured_channels(signals, recording.setup.configuration);
+        let even = angles.times(&signals.t);
+        let t = even.as_ref().unwrap_or(&signals.t);
         let mut dataset = Self {
             name: recording.name.clone(),
             segments: Vec::new(),
@@ -129,7 +132,7 @@ impl Dataset {
             }
             for range in moving {
                 let first = dataset.t.len();
-                dataset.t.extend(&signals.t[range.clone()]);
+                dataset.t.extend(&t[range.clone()]);
                 for (i, own) in dataset.readings.angles.iter_mut().enumerate() {
                     own.extend(signals[Channel::Angle(i)].get(range.clone()).unwrap_or_default());
                 }
@@ -149,14 +152,14 @@ impl Dataset {
         if angles.is_empty() {
             return &self.joints;
         }
-        self.readings.ringing.get_or_init(|| Angles::new(angles, &self.segments, self.dt).ringing())
+        self.readings.ringing.get_or_init(|| Angles::new(angles, &self.t, &self.segments, self.dt).ringing())
     }
 
     /// Step of an encoder whose rounding would be as large as the noise of an axis' angles, rad (m for a linear axis); zero
     /// for an exact motion.
     pub fn resolution(&self, axis: usize) -> f64 {
         let angles = self.readings.rows();
-        if angles.is_empty() { 0.0 } else { Angles::new(angles, &self.segments, self.dt).resolution(axis) }
+        if angles.is_empty() { 0.0 } else { Angles::new(angles, &self.t, &self.segments, self.dt).resolution(axis) }
     }
 
     /// Number of samples.
@@ -220,6 +223,34 @@ impl Dataset {
     /// jumps there, and its smoothing error resembles effects.
     pub fn blurs_reversals(&self) -> bool {
         self.half_width.iter().any(|m| *m > MIN_HALF_WIDTH && *m as f64 * self.dt > RESOLVED) || self.dt > SLOW
+    }
+
+    /// Time from sample `k − 1` to sample `k`, s: the sampling period, unless the times say otherwise.
+    pub fn step(&self, k: usize) -> f64 {
+        match k.checked_sub(1) {
+            Some(before) if !is_even(&self.t[before..=k], self.dt) => self.t[k] - self.t[before],
+            _ => self.dt,
+        }
+    }
+
+    /// What became of the samples of `recording`, of which this is the dataset, if they are at unequal times.
+    pub fn on_times(&self, recording: &Recording) -> Option<String> {
+        let signals = &recording.signals;
+        let (all, stretches) = (signals.len(), signals.stretches());
+        if self.is_empty() || stretches.iter().all(|s| is_even(&signals.t[s.clone()], self.dt)) {
+            return None;
+        }
+        let known = (self.len() as f64 / (1.0 - self.standing)).round() as usize;
+        let is_recorded = |t: &f64| signals.t.binary_search_by(|x| x.total_cmp(t)).is_ok();
+        let late = match self.t.iter().all(is_recorded) {
+            true => "",
+            false => "; the angles are those of even samples, only their times are late",
+        };
+        let left = match all - known.min(all) {
+            0 => "all determined by the angles".to_string(),
+            n => format!("{n} left out, as the angles do not determine how they move"),
+        };
+        Some(format!("{}: {all} samples at unequal times, {left}{late}", self.name))
     }
 
     /// Number of samples per `step` seconds, rounded, at least one. All decimation by a time step uses this rule.
@@ -329,6 +360,7 @@ fn moving<'a>(
     let angle = |k: usize| angles[k];
     let (low, high) = angles.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
     let still = STILL.0 * resolution.max(STILL.1 * (high - low));
+    let is_uneven = !signals.stretches().iter().all(|s| is_even(&signals.t[s.clone()], signals.sample_time()));
     let window = (STANDING / signals.sample_time()).round().max(2.0) as usize;
     let of = |piece: &Range<usize>| -> Vec<Range<usize>> {
         let mut moves = vec![true; piece.len()];
@@ -338,12 +370,13 @@ fn moving<'a>(
                 moves[start - piece.start..=start + window - piece.start].fill(false);
             }
         }
-        let long = |run: &Range<usize>| run.len() > 2 * MIN_HALF_WIDTH;
+        let long = |run: &Range<usize>| is_uneven || run.len() > 2 * MIN_HALF_WIDTH;
         runs(&moves, piece.start).into_iter().filter(long).collect()
     };
     let moving: Vec<Vec<Range<usize>>> = pieces.map(of).collect();
     let count = |ranges: &[Vec<Range<usize>>]| ranges.iter().flatten().map(Range::len).sum::<usize>() as f64;
-    if count(&moving) < MOVING * count(&all) { all } else { moving }
+    let least = if is_uneven { ENOUGH } else { MOVING * count(&all) };
+    if count(&moving) < least { all } else { moving }
 }
 
 /// Runs of `true`, shifted by `offset`.

@@ -3,17 +3,22 @@
 //! The default is a smoother ([`super::smoother`]) whose process noise is estimated by maximum likelihood per axis.
 //! Dry friction changes sign when an axis reverses, and the accelerations of all axes change steeply with it. Only
 //! there the smoother permits jumps of q̈, with an intensity estimated from the data.
+//!
+//! Samples at unequal times are smoothed at the times they have. A missing sample widens a step, and nothing else. Whether
+//! the recorded times are those of the samples, or those of a logger that came late to even samples, the angles decide, by
+//! the likelihood of either. What the smoother does not determine is left out: samples, and the gaps between them.
 
 use std::ops::Range;
 
-use super::filtering::{Kernel, MAX_HALF_WIDTH, MIN_HALF_WIDTH, half_width, noise_level};
-use super::smoother::{Likelihood, smooth, width};
+use super::filtering::{Kernel, MAX_HALF_WIDTH, MIN_HALF_WIDTH, half_width, noise_level, uneven_noise_level};
+use super::initial::quantum;
+use super::smoother::{Likelihood, Samples, smooth, smooth_with_errors, width};
 use crate::kinematics::JointState;
 use crate::machine::AXES;
 use crate::numerics::median;
-use crate::recording::Rows;
+use crate::recording::{Rows, is_even};
 
-/// Method of differentiation.
+/// Method of differentiation. Samples at unequal times are always smoothed, as the filters are for even ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
     /// [Gnad 2024], section 6.1: forward difference for q̇; for q̈ a differentiating filter applied forward and
@@ -42,6 +47,11 @@ const FASTEST_RINGING: f64 = 250.0;
 /// Samples discarded at the ends of a segment, in widths of the smoother: inside, standard errors are at most 1.7
 /// times those far from the ends.
 const MARGIN: f64 = 2.0;
+/// The same as a ratio of standard errors, from which a sample at unequal times is left out, unless the error is within
+/// the RMS of what it is an error of: an estimate that leaves less open than was open without it is worth having.
+const UNKNOWN: f64 = 1.7;
+/// Steps, in sampling periods, from which the middle is looked at, too.
+const GAP: f64 = 1.5;
 
 /// Time and intensity of the permitted jumps of q̈.
 #[derive(Clone, Copy)]
@@ -52,13 +62,59 @@ struct Jumps {
     most: f64,
 }
 
-/// Angles at equally spaced times.
+/// Angles at increasing times.
 pub struct Angles<'a> {
     q: Rows<'a, AXES>,
     stretches: &'a [Range<usize>],
     dt: f64,
+    /// Grids of the segments; empty if all samples are equally spaced.
+    grids: Vec<Grid>,
+    /// Whether the samples are even, and only the recorded times are not.
+    late: bool,
     /// Standard deviation of the noise per axis, rad.
     sigma: [f64; AXES],
+}
+
+/// Instants of a segment at unequal times: its samples, and the middles of the gaps between them.
+struct Grid {
+    /// Steps, in sampling periods.
+    steps: Vec<f64>,
+    /// Place of each sample.
+    at: Vec<usize>,
+}
+
+impl Grid {
+    fn new(t: &[f64], dt: f64) -> Self {
+        let mut grid = Self { steps: Vec::with_capacity(t.len()), at: vec![0; t.len().min(1)] };
+        for w in t.windows(2) {
+            let step = (w[1] - w[0]) / dt;
+            let parts = if step > GAP { 2 } else { 1 };
+            grid.steps.extend(std::iter::repeat_n(step / f64::from(parts), parts as usize));
+            grid.at.push(grid.steps.len());
+        }
+        grid
+    }
+
+    /// The grid of even samples of the same duration.
+    fn even(&self) -> Self {
+        let steps = self.at.windows(2).map(|w| (w[1] - w[0], self.steps[w[0]..w[1]].iter().sum::<f64>()));
+        let whole = |step: f64| step.round().max(1.0);
+        let (periods, duration) = steps.clone().fold((0.0, 0.0), |(n, sum), (_, step)| (n + whole(step), sum + step));
+        let one = |(parts, step)| std::iter::repeat_n(whole(step) * duration / periods / parts as f64, parts);
+        Self { steps: steps.flat_map(one).collect(), at: self.at.clone() }
+    }
+
+    /// Values of the samples, and `missing` in between.
+    fn spread<T: Copy>(&self, values: &[T], missing: T) -> Vec<T> {
+        let mut out = vec![missing; self.steps.len() + 1];
+        self.at.iter().zip(values).for_each(|(at, value)| out[*at] = *value);
+        out
+    }
+
+    /// Values of the steps between the samples for each part of them.
+    fn parts(&self, steps: &[bool]) -> Vec<bool> {
+        self.at.windows(2).zip(steps).flat_map(|(w, step)| std::iter::repeat_n(*step, w[1] - w[0])).collect()
+    }
 }
 
 /// Angle and its first two derivatives with respect to the sample number, of one segment.
@@ -66,20 +122,87 @@ struct Smoothed {
     values: Vec<[f64; 3]>,
     /// Number of samples at either end that are not accurate enough.
     margin: usize,
+    /// What the smoother determines; `None` without errors.
+    known: Option<Known>,
+}
+
+/// Samples of a segment, and steps between them, that the smoother determines.
+#[derive(Clone)]
+struct Known {
+    samples: Vec<bool>,
+    steps: Vec<bool>,
+}
+
+impl Known {
+    fn and(&mut self, other: &Self) {
+        self.samples.iter_mut().zip(&other.samples).for_each(|(own, other)| *own &= other);
+        self.steps.iter_mut().zip(&other.steps).for_each(|(own, other)| *own &= other);
+    }
+
+    /// Runs of samples that are determined with the steps between them.
+    fn runs(&self) -> Vec<Range<usize>> {
+        let mut runs: Vec<Range<usize>> = Vec::new();
+        for k in (0..self.samples.len()).filter(|&k| self.samples[k]) {
+            match runs.last_mut() {
+                Some(run) if run.end == k && self.steps[k - 1] => run.end += 1,
+                _ => runs.push(k..k + 1),
+            }
+        }
+        runs
+    }
 }
 
 impl<'a> Angles<'a> {
-    /// Angles `q` of every sample, rad, in segments without gaps, every `dt` seconds.
-    pub fn new(q: Rows<'a, AXES>, stretches: &'a [Range<usize>], dt: f64) -> Self {
-        let mut out = Self { q, stretches, dt, sigma: [0.0; AXES] };
-        out.sigma =
-            std::array::from_fn(|i| noise_level(&stretches.iter().map(|s| out.angles(i, s)).collect::<Vec<_>>()));
+    /// Angles `q` of every sample, rad, at the times `t`, s, in segments; `dt` is the sampling period, s.
+    pub fn new(q: Rows<'a, AXES>, t: &[f64], stretches: &'a [Range<usize>], dt: f64) -> Self {
+        let mut out = Self { q, stretches, dt, grids: Vec::new(), late: false, sigma: [0.0; AXES] };
+        if stretches.iter().all(|s| is_even(&t[s.clone()], dt)) {
+            out.sigma =
+                std::array::from_fn(|i| noise_level(&stretches.iter().map(|s| out.angles(i, s)).collect::<Vec<_>>()));
+            return out;
+        }
+        out.grids = stretches.iter().map(|s| Grid::new(&t[s.clone()], dt)).collect();
+        for i in 0..AXES {
+            let angles: Vec<Vec<f64>> = stretches.iter().map(|s| out.angles(i, s)).collect();
+            let angles: Vec<&[f64]> = angles.iter().map(Vec::as_slice).collect();
+            // Rests show no noise, and rounding alone leaves a uniform density over a step.
+            let rounding = quantum(&angles).unwrap_or(0.0) / 12f64.sqrt();
+            out.sigma[i] = rounding.max(uneven_noise_level(stretches.iter().map(|s| &t[s.clone()]).zip(angles)));
+        }
+        let nowhere = out.nowhere();
+        let likelihood = |angles: &Self| (0..AXES).map(|i| Axis::new(angles, i).snap(&nowhere).likelihood).sum::<f64>();
+        let stamped = likelihood(&out);
+        let even = out.grids.iter().map(Grid::even).collect();
+        let recorded = std::mem::replace(&mut out.grids, even);
+        out.late = likelihood(&out) > stamped;
+        if !out.late {
+            out.grids = recorded;
+        }
         out
     }
 
-    /// Half width of the polynomials per axis, samples; [`MIN_HALF_WIDTH`] for angles without noise.
+    /// Times of the samples, s, if they are even and only the recorded times `t` are not.
+    pub fn times(&self, t: &[f64]) -> Option<Vec<f64>> {
+        let mut out = t.to_vec();
+        for (stretch, grid) in self.stretches.iter().zip(&self.grids) {
+            let mut time = t[stretch.start];
+            for (k, w) in stretch.clone().skip(1).zip(grid.at.windows(2)) {
+                time += self.dt * grid.steps[w[0]..w[1]].iter().sum::<f64>();
+                out[k] = time;
+            }
+        }
+        self.late.then_some(out)
+    }
+
+    fn nowhere(&self) -> Vec<Vec<bool>> {
+        let points = |s: usize| self.grids.get(s).map_or(self.stretches[s].len(), |g| g.steps.len() + 1);
+        (0..self.stretches.len()).map(|s| no_turns(points(s))).collect()
+    }
+
+    /// Half width of the polynomials per axis, samples; [`MIN_HALF_WIDTH`] for angles without noise at even times.
     pub fn half_widths(&self) -> [usize; AXES] {
-        std::array::from_fn(|i| half_width(self.sigma[i], self.dt, ACCELERATION_NOISE[i]))
+        let least = |sigma: f64| MIN_HALF_WIDTH + usize::from(!self.grids.is_empty() && sigma > 0.0);
+        std::array::from_fn(|i| half_width(self.sigma[i], self.dt, ACCELERATION_NOISE[i]).max(least(self.sigma[i])))
     }
 
     /// Step of an encoder whose rounding would be as large as the noise of an axis, rad.
@@ -90,6 +213,7 @@ impl<'a> Angles<'a> {
     /// Joint states of the samples kept of each segment.
     pub fn differentiate(&self, method: Method) -> Vec<(Range<usize>, Vec<JointState>)> {
         let half_widths = self.half_widths();
+        let method = if self.grids.is_empty() || method == Method::Reversals { method } else { Method::Smoother };
         let segments = match method {
             Method::Paper => self.joined(|i| self.each(i, paper)),
             Method::Polynomial => self.joined(|i| self.each(i, |x| polynomial(x, half_widths[i]))),
@@ -98,24 +222,33 @@ impl<'a> Angles<'a> {
                 self.smoothed(half_widths, (method == Method::Reversals).then_some(jumps))
             }
         };
-        let inside = |(stretch, (mut states, margin)): (&Range<usize>, Segment)| {
+        let inside = |(stretch, Segment { mut states, margin, known }): (&Range<usize>, Segment)| {
+            if let Some(known) = known {
+                let of = |run: Range<usize>| (stretch.start + run.start..stretch.start + run.end, states[run].to_vec());
+                return known.runs().into_iter().map(of).collect();
+            }
             if stretch.len() <= 2 * margin {
-                return None;
+                return Vec::new();
             }
             states.truncate(stretch.len() - margin);
             states.drain(..margin);
-            Some((stretch.start + margin..stretch.end - margin, states))
+            vec![(stretch.start + margin..stretch.end - margin, states)]
         };
-        self.stretches.iter().zip(segments).filter_map(inside).collect()
+        self.stretches.iter().zip(segments).flat_map(inside).collect()
     }
 
     /// Joint states of all samples of every segment from the derivatives of each axis.
     fn joined(&self, axis: impl Fn(usize) -> Vec<Smoothed> + Sync) -> Vec<Segment> {
-        let mut segments: Vec<Segment> =
-            self.stretches.iter().map(|s| (vec![JointState::default(); s.len()], 0)).collect();
+        let empty = |s: &Range<usize>| Segment { states: vec![JointState::default(); s.len()], margin: 0, known: None };
+        let mut segments: Vec<Segment> = self.stretches.iter().map(empty).collect();
         by_pairs(self.samples() < LONG, axis, |i, smoothed| {
-            for ((states, margin), own) in segments.iter_mut().zip(smoothed) {
+            for (Segment { states, margin, known }, own) in segments.iter_mut().zip(smoothed) {
                 *margin = (*margin).max(own.margin);
+                match (known.as_mut(), own.known) {
+                    (Some(known), Some(own)) => known.and(&own),
+                    (None, own) => *known = own,
+                    (Some(_), None) => {}
+                }
                 for (state, value) in states.iter_mut().zip(own.values) {
                     let [q, qd, qdd]: [f64; 3] = std::array::from_fn(|d| value[d] / self.dt.powi(d as i32));
                     (state.q[i], state.qd[i], state.qdd[i]) = (q, qd, qdd);
@@ -146,7 +279,7 @@ impl<'a> Angles<'a> {
         let fastest = 6.0 * (std::f64::consts::TAU * FASTEST_RINGING * self.dt).ln();
         let jumps = Jumps { ringing: RINGING, most: fastest.min(JUMP[1]) };
         let segments = self.smoothed(self.half_widths(), Some(jumps));
-        let mut states = segments.into_iter().map(|(states, _)| states);
+        let mut states = segments.into_iter().map(|segment| segment.states);
         let mut all = states.next().unwrap_or_default();
         states.for_each(|more| all.extend(more));
         all
@@ -155,12 +288,18 @@ impl<'a> Angles<'a> {
     fn smoothed(&self, half_widths: [usize; AXES], jumps: Option<Jumps>) -> Vec<Segment> {
         let most = jumps.map_or(JUMP[1], |j| j.most);
         let smoothed = |i: usize, apart: &[Vec<bool>], turns: &[Vec<bool>], finest: f64| match half_widths[i] {
-            m if m > MIN_HALF_WIDTH => Readings::new(self, i).smoothed(apart, turns, most.min(finest)),
+            m if m > MIN_HALF_WIDTH => Axis::new(self, i).smoothed(apart, turns, most.min(finest)),
             m => self.each(i, |x| polynomial(x, m)),
         };
-        let nowhere: Vec<Vec<bool>> = self.stretches.iter().map(|s| no_turns(s.len())).collect();
+        let nowhere = self.nowhere();
         let first = |i: usize| smoothed(i, &nowhere, &nowhere, JUMP[1]);
-        let Some(jumps) = jumps else { return self.joined(first) };
+        let with_known = |i: usize, mut all: Vec<Smoothed>| {
+            if !self.grids.is_empty() && half_widths[i] > MIN_HALF_WIDTH {
+                all.iter_mut().zip(Axis::new(self, i).known()).for_each(|(s, known)| s.known = Some(known));
+            }
+            all
+        };
+        let Some(jumps) = jumps else { return self.joined(|i| with_known(i, first(i))) };
         // Of the first smoothing only where axes reverse, and how finely, is kept.
         let (mut rates, mut finest) = (vec![Vec::new(); AXES], [0.0; AXES]);
         let known = |i: usize| {
@@ -170,12 +309,15 @@ impl<'a> Angles<'a> {
         };
         by_pairs(self.samples() < LONG, known, |i, known| (rates[i], finest[i]) = known);
         let turning = |ringing: f64| -> Vec<Vec<bool>> {
-            let of = |s: usize| turns(&std::array::from_fn(|i| rates[i][s].as_slice()), self.dt, ringing);
+            let of = |s: usize| {
+                let turns = turns(&std::array::from_fn(|i| rates[i][s].as_slice()), self.dt, ringing);
+                self.grids.get(s).map_or_else(|| turns.clone(), |grid| grid.parts(&turns))
+            };
             (0..self.stretches.len()).map(of).collect()
         };
         let (at_once, later) = (turning(0.0), turning(jumps.ringing));
         drop(rates);
-        self.joined(|i| smoothed(i, &at_once, &later, finest[i]))
+        self.joined(|i| with_known(i, smoothed(i, &at_once, &later, finest[i])))
     }
 
     /// Logarithm of the largest intensity of jumps of q̈ that the encoder of an axis resolves.
@@ -199,8 +341,14 @@ impl<'a> Angles<'a> {
     }
 }
 
-/// Joint states of all samples of a segment, and the number of samples at either end that are not accurate enough.
-type Segment = (Vec<JointState>, usize);
+/// Joint states of all samples of a segment.
+struct Segment {
+    states: Vec<JointState>,
+    /// Number of samples at either end that are not accurate enough.
+    margin: usize,
+    /// What the smoother determines of all axes; `None` at even times.
+    known: Option<Known>,
+}
 
 /// Passes the results of all axes to `take`, made two at a time; one at a time if not `paired`.
 fn by_pairs<T: Send>(paired: bool, one: impl Fn(usize) -> T + Sync, mut take: impl FnMut(usize, T)) {
@@ -222,7 +370,7 @@ fn paper(x: &[f64]) -> Smoothed {
     let inside = |k: usize| [x[k], x[k + 1] - x[k], x[k + 1] - 2.0 * x[k] + x[k - 1]];
     let last = x.len().saturating_sub(1);
     let values = (0..x.len()).map(|k| if k > 0 && k < last { inside(k) } else { [x[k], 0.0, 0.0] }).collect();
-    Smoothed { values, margin: 1 }
+    Smoothed { values, margin: 1, known: None }
 }
 
 /// Derivatives of local polynomials of half width `m`.
@@ -235,7 +383,7 @@ fn polynomial(x: &[f64], m: usize) -> Smoothed {
             value[d] = y;
         }
     }
-    Smoothed { values, margin: m }
+    Smoothed { values, margin: m, known: None }
 }
 
 /// Whether q̈ may jump in each step of a segment: an axis reverses, given the rates of all axes in rad/s, or did so
@@ -265,11 +413,23 @@ fn no_turns(samples: usize) -> Vec<bool> {
 }
 
 /// Angles of one axis minus the first of each segment, in units of their standard deviation.
-struct Readings {
+struct Axis<'a> {
+    /// On the grids, if there are any.
     stretches: Vec<Vec<f64>>,
     origins: Vec<f64>,
     sigma: f64,
     dt: f64,
+    grids: &'a [Grid],
+}
+
+/// Maximum-likelihood noise of the motion.
+struct Snap {
+    /// Intensity of the noise in q⁗.
+    intensity: f64,
+    /// Variance of the readings.
+    variance: f64,
+    /// Logarithm of the likelihood.
+    likelihood: f64,
 }
 
 /// A part of a segment: the segment's index and the range of samples.
@@ -291,48 +451,92 @@ const COARSE: f64 = 3.0;
 const JUMP: [f64; 2] = [-30.0, 30.0];
 /// Intensity at which the motions before and after a step are unrelated.
 const UNRELATED: f64 = 1e4;
-/// Longest time scale of the smoother, s: that of an axis at rest.
+/// Longest time scale of the smoother, s: that of an axis at rest; and of samples at unequal times, in sampling periods,
+/// as many as that is at 2.5 kHz.
 const LONGEST: f64 = 0.01;
+const LONGEST_UNEVEN: f64 = 25.0;
 
-impl Readings {
-    fn new(angles: &Angles, axis: usize) -> Self {
+impl<'a> Axis<'a> {
+    fn new(angles: &'a Angles, axis: usize) -> Self {
         let sigma = angles.sigma[axis];
         let mut stretches: Vec<Vec<f64>> = angles.stretches.iter().map(|s| angles.angles(axis, s)).collect();
         let origins = stretches.iter().map(|s| s.first().copied().unwrap_or(0.0)).collect::<Vec<_>>();
         for (stretch, origin) in stretches.iter_mut().zip(&origins) {
             stretch.iter_mut().for_each(|x| *x = (*x - origin) / sigma);
         }
-        Self { stretches, origins, sigma, dt: angles.dt }
+        for (stretch, grid) in stretches.iter_mut().zip(&angles.grids) {
+            *stretch = grid.spread(stretch, f64::NAN);
+        }
+        Self { stretches, origins, sigma, dt: angles.dt, grids: &angles.grids }
+    }
+
+    /// The readings of a part of segment `s`.
+    fn samples<'b>(&'b self, s: usize, range: Range<usize>, jerk: &'b [f64]) -> Samples<'b> {
+        let steps = self.grids.get(s).map_or(&[][..], |grid| &grid.steps[range.start..range.end - 1]);
+        Samples { z: &self.stretches[s][range], steps, jerk }
     }
 
     /// Smooths with the maximum-likelihood intensities: of the noise in q⁗, estimated apart from `apart`, and of the
     /// noise in q⃛ in `turns`, with a logarithm of at most `most`.
     fn smoothed(&self, apart: &[Vec<bool>], turns: &[Vec<bool>], most: f64) -> Vec<Smoothed> {
-        let (snap, variance) = self.snap(apart);
+        let Snap { intensity: snap, variance, .. } = self.snap(apart);
         let jump = self.jump(snap, variance, turns, most);
         let margin = (MARGIN * width(snap)).ceil() as usize;
         let stretch = |s: usize| {
-            let mut values = smooth(&self.stretches[s], snap, &jerk(&turns[s], jump));
+            let jerk = jerk(&turns[s], jump);
+            let samples = self.samples(s, 0..self.stretches[s].len(), &jerk);
+            let mut values = smooth(samples, snap);
+            if let Some(grid) = self.grids.get(s) {
+                values = grid.at.iter().map(|&k| values[k]).collect();
+            }
             for value in &mut values {
                 *value = value.map(|x| x * self.sigma);
                 value[0] += self.origins[s];
             }
-            Smoothed { values, margin }
+            Smoothed { values, margin, known: None }
         };
         (0..self.stretches.len()).map(stretch).collect()
     }
 
+    /// What a smoother of constant smoothness determines of each segment.
+    fn known(&self) -> Vec<Known> {
+        let nowhere: Vec<Vec<bool>> = self.stretches.iter().map(|z| no_turns(z.len())).collect();
+        let Snap { intensity: snap, variance, .. } = self.snap(&nowhere);
+        let scale = variance.sqrt();
+        let all = (0..self.stretches.len()).map(|s| {
+            let jerk = vec![0.0; self.stretches[s].len() - 1];
+            let all = smooth_with_errors(self.samples(s, 0..self.stretches[s].len(), &jerk), snap);
+            all.into_iter().map(|(x, errors)| (x, errors.map(|e| scale * e))).collect()
+        });
+        let all: Vec<Vec<([f64; 3], [f64; 2])>> = all.collect();
+        let at_samples = || all.iter().zip(self.grids).flat_map(|(all, grid)| grid.at.iter().map(|&k| all[k]));
+        let most: [f64; 2] = std::array::from_fn(|d| {
+            let usual = UNKNOWN * median(at_samples().map(|(_, errors)| errors[d]));
+            let accurate = at_samples().filter(|(_, errors)| errors[d] <= usual).map(|(x, _)| x[d + 1].powi(2));
+            let (sum, count) = accurate.fold((0.0, 0.0), |(sum, count), square| (sum + square, count + 1.0));
+            usual.max((sum / f64::max(count, 1.0)).sqrt())
+        });
+        let known = |(all, grid): (&Vec<([f64; 3], [f64; 2])>, &Grid)| {
+            let at = |k: &usize| all[*k].1.iter().zip(&most).all(|(error, most)| error <= most);
+            let between = |w: &[usize]| (w[0] + 1..w[1]).all(|k| at(&k));
+            Known { samples: grid.at.iter().map(at).collect(), steps: grid.at.windows(2).map(between).collect() }
+        };
+        all.iter().zip(self.grids).map(known).collect()
+    }
+
     /// Maximum-likelihood intensity of the noise in q⁗, apart from reversals, and variance of the readings.
-    fn snap(&self, turns: &[Vec<bool>]) -> (f64, f64) {
+    fn snap(&self, turns: &[Vec<bool>]) -> Snap {
         let pieces = self.spread();
-        let smoothest = 8.0 * (self.dt / LONGEST).ln();
+        let longest = if self.grids.is_empty() { LONGEST } else { LONGEST_UNEVEN * self.dt };
+        let smoothest = 8.0 * (self.dt / longest).ln();
         if pieces.is_empty() {
-            return (smoothest.exp(), 1.0);
+            return Snap { intensity: smoothest.exp(), variance: 1.0, likelihood: 0.0 };
         }
         let of = |ln: f64| self.likelihood(&pieces, ln.exp(), turns, UNRELATED);
         let best = |l: Likelihood| l.ln(l.variance());
         let ln = highest([smoothest.min(ROUGHEST), ROUGHEST], |ln| best(of(ln)));
-        (ln.exp(), of(ln).variance())
+        let found = of(ln);
+        Snap { intensity: ln.exp(), variance: found.variance(), likelihood: best(found) }
     }
 
     /// Maximum-likelihood intensity of the noise in q⃛ at reversals.
@@ -347,7 +551,7 @@ impl Readings {
     fn likelihood(&self, pieces: &[Piece], snap: f64, turns: &[Vec<bool>], jump: f64) -> Likelihood {
         let one = |(s, range): &Piece| {
             let jerk = jerk(&turns[*s][range.start..range.end - 1], jump);
-            Likelihood::of(&self.stretches[*s][range.clone()], snap, &jerk)
+            Likelihood::of(self.samples(*s, range.clone(), &jerk), snap)
         };
         pieces.iter().map(one).sum()
     }

@@ -55,15 +55,17 @@ impl Kernel {
     }
 }
 
+/// Order of the differences that show the noise of a smooth series.
+const ORDER: usize = 6;
+/// Rounding of interpolated values, relative to the largest.
+const ROUNDING: f64 = 64.0 * f64::EPSILON;
+
 /// Standard deviation of white noise on smooth series, from the median of their sixth differences.
 ///
 /// An encoder at rest shows no noise: differences of zero are ignored, and those over samples that differ by rounding.
 pub fn noise_level(series: &[Vec<f64>]) -> f64 {
-    const ORDER: usize = 6;
     /// Binomial coefficient C(2n, n): variance gain of n-th differences.
     const GAIN: f64 = 924.0;
-    /// Rounding of interpolated values, relative to the largest.
-    const ROUNDING: f64 = 64.0 * f64::EPSILON;
     let largest = series.iter().flatten().fold(0.0f64, |most, x| most.max(x.abs()));
     let mut magnitude = Vec::new();
     for x in series {
@@ -80,6 +82,33 @@ pub fn noise_level(series: &[Vec<f64>]) -> f64 {
     let m = magnitude.len() / 2;
     // The median of |N(0,1)| is 0.6745.
     *magnitude.select_nth_unstable_by(m, f64::total_cmp).1 / 0.6745 / GAIN.sqrt()
+}
+
+/// [`noise_level`] of series at unequal times, from the lower quartile of their sixth divided differences; `series` are
+/// times and values.
+///
+/// Steps may be so long that a start or a stop of the motion lies within one, which differences show as noise; not so the
+/// quieter half of the time.
+pub fn uneven_noise_level<'a>(series: impl Iterator<Item = (&'a [f64], &'a [f64])> + Clone) -> f64 {
+    /// Lower quartile of |N(0,1)|.
+    const QUARTILE: f64 = 0.318_639_363_964_375_2;
+    let largest = series.clone().flat_map(|(_, x)| x).fold(0.0f64, |most, x| most.max(x.abs()));
+    let mut magnitude = Vec::new();
+    for (t, x) in series {
+        for (t, x) in t.windows(ORDER + 1).zip(x.windows(ORDER + 1)) {
+            let span = t[ORDER] - t[0];
+            let apart = |k: usize| (0..=ORDER).filter(|j| *j != k).map(|j| (t[k] - t[j]) / span).product::<f64>();
+            let weights: [f64; ORDER + 1] = std::array::from_fn(|k| apart(k).recip());
+            let norm = weights.iter().map(|w| w * w).sum::<f64>().sqrt();
+            magnitude.push((weights.iter().zip(x).map(|(w, v)| w * (v - x[0])).sum::<f64>() / norm).abs());
+        }
+    }
+    if magnitude.is_empty() {
+        return 0.0;
+    }
+    let place = magnitude.len() / 4;
+    let quartile = *magnitude.select_nth_unstable_by(place, f64::total_cmp).1;
+    (quartile / QUARTILE).max(ROUNDING * largest)
 }
 
 /// Smallest half width with an acceleration noise of at most `tolerance`, rad/s², for the angle noise `sigma`, rad,

@@ -111,7 +111,6 @@ pub struct Fit {
 
 /// Share of an effect's largest parameter by which another one may lie outside its range.
 const MIN_EXCESS: f64 = 0.2;
-const MIN_SAMPLES: usize = 200;
 /// Number of samples from which nonlinear parameters are first fitted to some pieces.
 const MANY_SAMPLES: usize = 20_000;
 /// Samples of a piece, and number of such pieces out of which one is taken.
@@ -139,9 +138,10 @@ pub fn fit(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>]) -> Result<Fi
 /// # Panics
 /// If `datasets` is empty.
 pub fn fit_with(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options: &Options) -> Result<Fit, FitError> {
-    check(datasets)?;
+    check_together(datasets)?;
     let mounted = in_configuration(model, &datasets[0].setup);
     let regression = Regression::new(&mounted, datasets, noise, options)?;
+    regression.check_length()?;
     let start = approached(&mounted, datasets, noise, options).unwrap_or(mounted);
     let mut solution = regression.least_squares(start, UNIT_WEIGHTS)?;
     if options.robust || regression.is_clean() {
@@ -187,13 +187,6 @@ fn approached(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options: 
     regression.least_squares(model.clone(), UNIT_WEIGHTS).ok().map(|solution| solution.model)
 }
 
-fn check(datasets: &[Dataset]) -> Result<(), FitError> {
-    if let Some(short) = datasets.iter().find(|t| t.len() < MIN_SAMPLES) {
-        return Err(FitError::TooShort { recording: short.name.clone(), samples: short.len(), needed: MIN_SAMPLES });
-    }
-    check_together(datasets)
-}
-
 /// Estimates of all parameters, with the undetermined and the moved ones.
 #[derive(Default)]
 struct Said {
@@ -203,6 +196,16 @@ struct Said {
 }
 
 impl Regression<'_> {
+    /// Fewer values than parameters determine none of them with a standard error.
+    fn check_length(&self) -> Result<(), FitError> {
+        let needed = self.free.len() / self.datasets[0].channels.len().max(1) + 1;
+        let samples = self.datasets.iter().map(Dataset::len).sum();
+        if samples > needed {
+            return Ok(());
+        }
+        Err(FitError::TooShort { recording: self.datasets[0].name.clone(), samples, needed: needed + 1 })
+    }
+
     /// The estimated parameters with their values in `model`.
     fn estimated(&self, model: &Model) -> Vec<PlantParameter> {
         let all = Plant::new(model, &self.datasets[0].setup).parameters();

@@ -6,6 +6,9 @@
 //! smoothing spline of degree 7 [Wahba 1978]; the intensities are estimated by maximum likelihood. A forward Kalman
 //! filter is followed by the backward recursion of Bryson and Frazier [Bryson 1963], which needs no matrix inverse
 //! and O(n) operations.
+//!
+//! The time from one reading to the next may differ from step to step, and readings may be missing (NaN): then the state
+//! at the instant follows from the others. Standard errors of the derivatives there follow from the same recursion.
 
 type Vector = [f64; STATES];
 type Matrix = [Vector; STATES];
@@ -34,18 +37,66 @@ const SETTLING: usize = 8;
 /// Number of samples smoothed at a time.
 const BLOCK: usize = 8192;
 
+/// Readings of one segment; a missing one is NaN.
+#[derive(Clone, Copy)]
+pub struct Samples<'a> {
+    /// Samples in units of their standard deviation.
+    pub z: &'a [f64],
+    /// Durations of the steps in sample times; empty if all are 1.
+    pub steps: &'a [f64],
+    /// Intensity of the noise in q⃛ per step, `z.len() − 1` of them.
+    pub jerk: &'a [f64],
+}
+
+impl Samples<'_> {
+    fn window(&self, range: std::ops::Range<usize>) -> Self {
+        let steps = range.start..range.end - 1;
+        Self { z: &self.z[range], steps: self.steps.get(steps.clone()).unwrap_or(&[]), jerk: &self.jerk[steps] }
+    }
+
+    fn start(&self, snap: f64) -> Belief {
+        Belief::start(self.z.iter().copied().find(|z| !z.is_nan()).unwrap_or(0.0), snap, self.steps.is_empty())
+    }
+
+    /// Prediction of the state by the step that ends with reading `k`.
+    fn step(&self, belief: &mut Belief, snap: f64, k: usize) {
+        match self.steps.get(k - 1) {
+            None => belief.step(snap, self.jerk[k - 1]),
+            Some(&h) => {
+                // In units of the step's duration it is one of duration 1.
+                belief.scale(h);
+                belief.step(snap * h.powi(7), self.jerk[k - 1] * h.powi(5));
+                belief.scale(h.recip());
+            }
+        }
+    }
+}
+
 /// Mean and covariance of the state before a reading.
 #[derive(Clone, Copy)]
 struct Belief {
     mean: Vector,
     covariance: Matrix,
+    /// Whether all steps have the duration 1.
+    even: bool,
 }
 
 impl Belief {
-    fn start(z: f64, snap: f64) -> Self {
+    fn start(z: f64, snap: f64, even: bool) -> Self {
         let variance = |i: usize| FREE * width(snap).powi(-2 * i as i32);
         let covariance = std::array::from_fn(|i| std::array::from_fn(|j| if i == j { variance(i) } else { 0.0 }));
-        Self { mean: [z, 0.0, 0.0, 0.0], covariance }
+        Self { mean: [z, 0.0, 0.0, 0.0], covariance, even }
+    }
+
+    /// The state in time units that are longer by `h`.
+    fn scale(&mut self, h: f64) {
+        let powers = [1.0, h, h * h, h * h * h];
+        for i in 0..STATES {
+            self.mean[i] *= powers[i];
+            for j in 0..STATES {
+                self.covariance[i][j] *= powers[i] * powers[j];
+            }
+        }
     }
 
     /// Kalman update with a reading; returns its innovation and the innovation's variance.
@@ -53,12 +104,22 @@ impl Belief {
         let p = &mut self.covariance;
         let (innovation, variance) = (z - self.mean[0], p[0][0] + 1.0);
         let cross = p[0];
+        if z.is_nan() {
+            return (innovation, variance);
+        }
         for i in 0..STATES {
             let gain = cross[i] / variance;
             self.mean[i] += gain * innovation;
             for j in i..STATES {
                 p[i][j] -= gain * cross[j];
                 p[j][i] = p[i][j]; // Rounding must not leave it unsymmetric: that would grow.
+            }
+        }
+        if !self.even {
+            // After long steps the differences above are small ones of large numbers; these quotients are equal to them.
+            for j in 0..STATES {
+                p[0][j] = cross[j] / variance;
+                p[j][0] = p[0][j];
             }
         }
         (innovation, variance)
@@ -108,18 +169,17 @@ pub struct Likelihood {
 }
 
 impl Likelihood {
-    /// Likelihood of the readings `z`; `jerk` contains one intensity per step, `z.len() − 1`.
-    pub fn of(z: &[f64], snap: f64, jerk: &[f64]) -> Self {
+    /// Likelihood of the readings.
+    pub fn of(readings: Samples, snap: f64) -> Self {
         let mut out = Self::default();
-        let Some(&first) = z.first() else { return out };
-        let mut belief = Belief::start(first, snap);
+        let mut belief = readings.start(snap);
         let mut product = 1.0;
-        for (k, &z) in z.iter().enumerate() {
+        for (k, &z) in readings.z.iter().enumerate() {
             if k > 0 {
-                belief.step(snap, jerk[k - 1]);
+                readings.step(&mut belief, snap, k);
             }
             let (innovation, variance) = belief.update(z);
-            if k >= SETTLING {
+            if k >= SETTLING && !z.is_nan() {
                 out.count += 1.0;
                 out.squares += innovation * innovation / variance;
                 // One logarithm for many factors.
@@ -164,55 +224,122 @@ pub fn width(snap: f64) -> f64 {
     snap.powf(-1.0 / 8.0)
 }
 
-/// Smoothed value and first two derivatives with respect to the sample number; `jerk` contains one intensity per
-/// step.
+/// Smoothed value and first two derivatives with respect to the time in samples, at all readings and missing ones.
 ///
 /// Long series are smoothed in blocks that overlap by the smoother's memory.
-pub fn smooth(z: &[f64], snap: f64, jerk: &[f64]) -> Vec<[f64; 3]> {
-    let reach = memory(snap);
-    let mut out = Vec::with_capacity(z.len());
-    let mut forward = Vec::with_capacity((BLOCK + 2 * reach).min(z.len()));
-    for start in (0..z.len()).step_by(BLOCK) {
-        let inside = start..(start + BLOCK).min(z.len());
-        let seen = start.saturating_sub(reach)..(inside.end + reach).min(z.len());
-        let steps = seen.start..seen.end - 1;
-        out.resize(inside.end, [0.0; 3]);
+pub fn smooth(readings: Samples, snap: f64) -> Vec<[f64; 3]> {
+    in_blocks(readings, snap, |_, _, state| state)
+}
+
+/// [`smooth`] with the standard errors of the first two derivatives; at the first readings they may be infinite.
+pub fn smooth_with_errors(readings: Samples, snap: f64) -> Vec<([f64; 3], [f64; 2])> {
+    // A small difference of large numbers before as many readings as states: it may be negative.
+    let error = |variance: f64| if variance >= 0.0 { variance.sqrt() } else { f64::INFINITY };
+    in_blocks(readings, snap, |before, information, state| {
+        let variance = |i: usize| {
+            let p = &before.covariance[i];
+            let known = |j: usize| p[j] * information[j].iter().zip(p).map(|(l, p)| l * p).sum::<f64>();
+            p[i] - (0..STATES).map(known).sum::<f64>()
+        };
+        (state, [1, 2].map(|i| error(variance(i))))
+    })
+}
+
+/// What `of` makes of every instant's belief before the reading, the information of the readings from there on, and the
+/// smoothed state.
+fn in_blocks<T: Instant>(readings: Samples, snap: f64, of: impl Fn(&Belief, &Matrix, [f64; 3]) -> T) -> Vec<T> {
+    let (reach, n) = (memory(snap), readings.z.len());
+    let mut out = Vec::with_capacity(n);
+    let mut forward = Vec::with_capacity((BLOCK + 2 * reach).min(n));
+    for start in (0..n).step_by(BLOCK) {
+        let inside = start..(start + BLOCK).min(n);
+        let seen = start.saturating_sub(reach)..(inside.end + reach).min(n);
+        out.resize(inside.end, T::default());
         let skipped = start - seen.start;
-        block(&z[seen], snap, &jerk[steps], &mut forward, skipped, &mut out[inside]);
+        block(readings.window(seen), snap, &of, &mut forward, skipped, &mut out[inside]);
     }
     out
 }
 
+/// Result at an instant.
+trait Instant: Default + Clone {
+    /// Whether it takes the information of the readings into account.
+    const ERRORS: bool;
+}
+
+impl Instant for [f64; 3] {
+    const ERRORS: bool = false;
+}
+
+impl Instant for ([f64; 3], [f64; 2]) {
+    const ERRORS: bool = true;
+}
+
 /// Smooths one block and writes the samples after the first `skipped` ones.
-fn block(
-    z: &[f64],
+fn block<T: Instant>(
+    readings: Samples,
     snap: f64,
-    jerk: &[f64],
+    of: &impl Fn(&Belief, &Matrix, [f64; 3]) -> T,
     forward: &mut Vec<(Belief, f64, f64)>,
     skipped: usize,
-    out: &mut [[f64; 3]],
+    out: &mut [T],
 ) {
     forward.clear();
-    let mut belief = Belief::start(z[0], snap);
-    for (k, &z) in z.iter().enumerate() {
+    let mut belief = readings.start(snap);
+    for (k, &z) in readings.z.iter().enumerate() {
         if k > 0 {
-            belief.step(snap, jerk[k - 1]);
+            readings.step(&mut belief, snap, k);
         }
         let before = belief;
         let (innovation, variance) = belief.update(z);
         forward.push((before, innovation, variance));
     }
-    // x̂ = x + P·r with the scores r of the readings from here on.
+    // x̂ = x + P·r with the scores r of the readings from here on, and their information Λ: P̂ = P − P·Λ·P.
     let mut score = [0.0; STATES];
+    let mut information = [[0.0; STATES]; STATES];
     for (k, (before, innovation, variance)) in forward.iter().enumerate().skip(skipped).rev() {
-        taylor_transposed(&mut score);
+        let h = readings.steps.get(k).copied();
+        back(&mut score, h);
         let p = &before.covariance;
-        let explained: f64 = (0..STATES).map(|i| p[0][i] * score[i]).sum();
-        score[0] += (innovation - explained) / variance;
-        if let Some(out) = out.get_mut(k - skipped) {
-            for (i, x) in out.iter_mut().enumerate() {
-                *x = before.mean[i] + (0..STATES).map(|j| p[i][j] * score[j]).sum::<f64>();
+        if T::ERRORS {
+            information.iter_mut().for_each(|row| back(row, h));
+            transpose(&mut information);
+            information.iter_mut().for_each(|row| back(row, h));
+        }
+        if !innovation.is_nan() {
+            let explained: f64 = (0..STATES).map(|i| p[0][i] * score[i]).sum();
+            score[0] += (innovation - explained) / variance;
+            if T::ERRORS {
+                // Λ ← (1 − e₀·kᵀ)·Λ·(1 − k·e₀ᵀ) + e₀·e₀ᵀ/variance with the gain k.
+                for _ in 0..2 {
+                    for row in &mut information {
+                        row[0] -= (0..STATES).map(|i| row[i] * p[0][i] / variance).sum::<f64>();
+                    }
+                    transpose(&mut information);
+                }
+                information[0][0] += variance.recip();
             }
+        }
+        if let Some(out) = out.get_mut(k - skipped) {
+            let smoothed = |i: usize| before.mean[i] + (0..STATES).map(|j| p[i][j] * score[j]).sum::<f64>();
+            *out = of(before, &information, std::array::from_fn(smoothed));
+        }
+    }
+}
+
+/// x ← Fᵀ·x of a step of duration `h`, 1 if `None`.
+fn back(x: &mut Vector, h: Option<f64>) {
+    let Some(h) = h else { return taylor_transposed(x) };
+    let powers = [1.0, h, h * h, h * h * h];
+    (0..STATES).for_each(|i| x[i] /= powers[i]);
+    taylor_transposed(x);
+    (0..STATES).for_each(|i| x[i] *= powers[i]);
+}
+
+fn transpose(m: &mut Matrix) {
+    for i in 0..STATES {
+        for j in 0..i {
+            (m[i][j], m[j][i]) = (m[j][i], m[i][j]);
         }
     }
 }
@@ -224,6 +351,10 @@ mod tests {
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
+
+    fn even<'a>(z: &'a [f64], jerk: &'a [f64]) -> Samples<'a> {
+        Samples { z, steps: &[], jerk }
+    }
 
     fn white(n: usize, seed: u64) -> Vec<f64> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -249,41 +380,62 @@ mod tests {
         (truth, z)
     }
 
-    /// min Σ(z − x₀)² + Σ wᵀQ⁻¹w over all states, by dense linear algebra.
+    /// min Σ(z − x₀)² + Σ wᵀQ⁻¹w over all states, by dense linear algebra: estimates and standard errors, with equal and
+    /// with unequal steps and missing readings.
     #[test]
     fn smoother_is_the_generalised_least_squares_estimate() {
         let n = 60;
         let (snap, jumps) = (1e-3, 30..34);
         let jerk: Vec<f64> = (0..n - 1).map(|k| if jumps.contains(&k) { 2.0 } else { 0.0 }).collect();
-        let (_, z) = drawn(n, snap, 3);
-        let mut information = DMatrix::<f64>::zeros(4 * n, 4 * n);
-        let mut right = DVector::<f64>::zeros(4 * n);
-        for k in 0..n {
-            information[(4 * k, 4 * k)] += 1.0;
-            right[4 * k] += z[k];
-            if k + 1 < n {
-                let q = DMatrix::from_fn(4, 4, |i, j| snap * SNAP[i][j] + jerk[k] * JERK[i][j]);
-                let weight = q.try_inverse().unwrap();
-                let factorial = [1.0, 1.0, 2.0, 6.0];
-                let step = DMatrix::from_fn(4, 8, |i, j| match j {
-                    4.. => f64::from(u8::from(j - 4 == i)),
-                    _ => {
-                        if j >= i {
-                            -1.0 / factorial[j - i]
-                        } else {
-                            0.0
-                        }
-                    }
-                });
-                let part = step.transpose() * weight * step;
-                let mut place = information.view_mut((4 * k, 4 * k), (8, 8));
-                place += part;
+        let (_, mut z) = drawn(n, snap, 3);
+        let uneven: Vec<f64> =
+            (0..n - 1).map(|k| if k % 9 == 5 { 4.0 } else { 1.0 + 0.4 * (k as f64).sin() }).collect();
+        for steps in [&[][..], &uneven] {
+            if !steps.is_empty() {
+                [20, 21, 40].iter().for_each(|k: &usize| z[*k] = f64::NAN);
             }
-        }
-        let exact = information.cholesky().unwrap().solve(&right);
-        for (k, x) in smooth(&z, snap, &jerk).iter().enumerate() {
-            for i in 0..3 {
-                approx::assert_relative_eq!(x[i], exact[4 * k + i], epsilon = 1e-5, max_relative = 1e-6);
+            let mut information = DMatrix::<f64>::zeros(4 * n, 4 * n);
+            let mut right = DVector::<f64>::zeros(4 * n);
+            for k in 0..n {
+                if !z[k].is_nan() {
+                    information[(4 * k, 4 * k)] += 1.0;
+                    right[4 * k] += z[k];
+                }
+                if k + 1 < n {
+                    let h = steps.get(k).copied().unwrap_or(1.0);
+                    let of = |i: usize, j: usize| {
+                        let [s, k] = [7, 5].map(|power| h.powi(power - (i + j) as i32));
+                        (snap * s, k)
+                    };
+                    let q = DMatrix::from_fn(4, 4, |i, j| of(i, j).0 * SNAP[i][j] + jerk[k] * of(i, j).1 * JERK[i][j]);
+                    let weight = q.try_inverse().unwrap();
+                    let taylor = [1.0, h, h * h / 2.0, h * h * h / 6.0];
+                    let step = DMatrix::from_fn(4, 8, |i, j| match j {
+                        4.. => f64::from(u8::from(j - 4 == i)),
+                        _ if j >= i => -taylor[j - i],
+                        _ => 0.0,
+                    });
+                    let part = step.transpose() * weight * step;
+                    let mut place = information.view_mut((4 * k, 4 * k), (8, 8));
+                    place += part;
+                }
+            }
+            let cholesky = information.cholesky().unwrap();
+            let (exact, covariance) = (cholesky.solve(&right), cholesky.inverse());
+            let samples = Samples { z: &z, steps, jerk: &jerk };
+            let with_errors = smooth_with_errors(samples, snap);
+            for (k, x) in smooth(samples, snap).iter().enumerate() {
+                // The diffuse prior is rounded to 1e-4 of what the first readings determine.
+                let tolerance = if steps.is_empty() || k >= STATES { 1e-5 } else { 1e-3 };
+                for i in 0..3 {
+                    let error = (x[i] - exact[4 * k + i]).abs();
+                    assert!(error < tolerance + 1e-6 * x[i].abs(), "{k}, {i}: {} {error}", x[i]);
+                }
+                assert_eq!(&with_errors[k].0, x);
+                for i in (1..3).filter(|_| k >= STATES) {
+                    let error = covariance[(4 * k + i, 4 * k + i)].sqrt();
+                    approx::assert_relative_eq!(with_errors[k].1[i - 1], error, max_relative = 1e-3);
+                }
             }
         }
     }
@@ -296,8 +448,8 @@ mod tests {
         let jerk = vec![0.0; n - 1];
         for snap in [1e-9, 1e-6, 1e-2] {
             let mut whole = vec![[0.0; 3]; n];
-            block(&z, snap, &jerk, &mut Vec::new(), 0, &mut whole);
-            for (k, (a, b)) in smooth(&z, snap, &jerk).iter().zip(&whole).enumerate() {
+            block(even(&z, &jerk), snap, &|_, _, state| state, &mut Vec::new(), 0, &mut whole);
+            for (k, (a, b)) in smooth(even(&z, &jerk), snap).iter().zip(&whole).enumerate() {
                 for i in 0..3 {
                     assert!((a[i] - b[i]).abs() < 1e-6, "snap {snap:e}, sample {k}: {a:?} {b:?}");
                 }
@@ -311,7 +463,7 @@ mod tests {
     fn likelihood_finds_the_intensity() {
         for snap in [1e-7, 1e-4] {
             let at = |factor: f64| -> f64 {
-                let one = |seed| Likelihood::of(&drawn(1000, snap, seed).1, snap * factor, &[0.0; 999]);
+                let one = |seed| Likelihood::of(even(&drawn(1000, snap, seed).1, &[0.0; 999]), snap * factor);
                 (0..20).map(one).sum::<Likelihood>().ln(1.0)
             };
             assert!(at(1.0) > at(2.0) && at(1.0) > at(0.5), "{} {} {}", at(0.5), at(1.0), at(2.0));
@@ -324,7 +476,7 @@ mod tests {
         let error = |assumed: f64| -> f64 {
             let squares = |seed| -> f64 {
                 let (truth, z) = drawn(1200, snap, seed);
-                let smoothed = smooth(&z, assumed, &[0.0; 1199]);
+                let smoothed = smooth(even(&z, &[0.0; 1199]), assumed);
                 let inside = smoothed.iter().zip(&truth).skip(100).take(1000);
                 inside.map(|(a, b)| (a[2] - b[2]).powi(2)).sum()
             };

@@ -8,7 +8,7 @@ mod signals;
 pub use channel::{Channel, FAMILIES, Family, Field, ROWS, multiplier_names};
 pub use context::{Attachment, Contact, Contacts, Context, Level, Note, Poses};
 pub use difference::Difference;
-pub use signals::{Rows, Signals, sample_time};
+pub use signals::{Rows, Signals, is_even, sample_time};
 
 use crate::machine::Setup;
 

@@ -207,6 +207,14 @@ impl Signals {
     }
 }
 
+/// Largest relative deviation of a sampling step from the period that counts as even.
+const JITTER: f64 = 0.01;
+
+/// Whether all steps of the times `t` are the sampling period `dt`, to within a hundredth of it.
+pub fn is_even(t: &[f64], dt: f64) -> bool {
+    t.windows(2).all(|w| (w[1] - w[0] - dt).abs() <= JITTER * dt)
+}
+
 /// Median step of the times `t`, s, of two the greater; zero with fewer than two times.
 pub fn sample_time(t: &[f64]) -> f64 {
     let mut steps: Vec<f64> = t.windows(2).map(|w| w[1] - w[0]).collect();

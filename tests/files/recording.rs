@@ -549,7 +549,7 @@ fn csv_mistakes_are_named() {
     contains(&warnings[0], &["1 samples repeat", "line 52"]);
     assert_eq!(recording.signals.len(), 300);
     contains(&set(50, 6, "2e4"), &["line 52, column `tau2`: 20000"]);
-    contains(&refused(&csv(&folder, 99, |_, _| ())), &["only 99 samples", "at least 100"]);
+    contains(&refused(&csv(&folder, 9, |_, _| ())), &["only 9 samples", "at least 10"]);
     let cut = csv(&folder, 300, |i, cells| cells.truncate(if i == 299 { 4 } else { 9 }));
     let (kept, warnings) = read(&cut);
     assert_eq!(kept.signals.len(), 299);
@@ -644,7 +644,7 @@ fn fewer_axes_when_asked_for() {
 }
 
 #[test]
-fn jitter_is_resampled() {
+fn samples_keep_their_times() {
     let folder = folder();
     let path = csv(&folder, 2500, |i, cells| {
         let t = (i as f64 + 0.3 * (i as f64 * 12.9).sin()) * STEP;
@@ -654,10 +654,9 @@ fn jitter_is_resampled() {
         }
     });
     let (recording, warnings) = read(&path);
-    contains(&warnings[0], &["time steps vary", "resampled"]);
+    contains(&warnings[0], &["time steps vary", "keep their times"]);
     let s = recording.signals;
-    let steps = s.t.windows(2).map(|w| w[1] - w[0]);
-    assert!(steps.map(|d| (d / s.sample_time() - 1.0).abs()).fold(0.0, f64::max) < 1e-9);
+    assert_eq!(s.len(), 2500);
     for (t, q) in s.t.iter().zip(s.q().iter()) {
         for k in 0..4 {
             assert!((q[k] - angle(k, *t)).abs() < 1e-9, "{k} at {t}");
@@ -691,22 +690,65 @@ fn gaps_split() {
     });
     let (recording, warnings) = read(&path);
     let s = &recording.signals;
-    assert_eq!(s.segments, [0..500, 500..900, 900..1300]);
+    assert_eq!(s.segments, [0..500, 500..1305]);
     assert_eq!((s.t[499], s.t[500]), (0.1996, 0.24));
-    assert_eq!(warnings.len(), 4, "{warnings:?}");
-    contains(&warnings[0], &["gap of 0.040400 s before line 502"]);
-    assert!(warnings.iter().any(|w| w.contains("5 samples from line 902 dropped")));
+    assert_eq!(warnings.len(), 2, "{warnings:?}");
+    contains(&warnings[0], &["2 gaps of up to 0.0304 s, the longest before line 907", "keep their times"]);
+    contains(&warnings[1], &["gap of 0.0404 s before line 502", "kept apart"]);
 
-    // A single lost sample is filled in.
+    // A single lost sample costs itself.
     let path = csv(&folder, 1500, |i, cells| {
         if i == 700 {
             cells.clear();
         }
     });
-    let s = read(&path).0.signals;
-    assert_eq!(s.stretches(), std::slice::from_ref(&(0..1500)));
-    assert_eq!(s.len(), 1500);
-    assert!((s[Channel::Angle(0)][700] - angle(0, s.t[700])).abs() < 1e-9);
+    let (recording, warnings) = read(&path);
+    assert_eq!(recording.signals.stretches(), std::slice::from_ref(&(0..1499)));
+    assert_eq!(warnings.len(), 1, "{warnings:?}");
+    contains(&warnings[0], &["gap of 0.000800 s before line 702"]);
+}
+
+/// Axes that take half a second, or 20 ms, or 20 s, for their travel, at all rates and in all units of time.
+#[test]
+fn the_unit_of_time_follows_from_the_motion() {
+    let folder = folder();
+    let path = folder.path().join("axis.csv");
+    let said = |rate: f64, travel: f64, unit: f64| {
+        let row = |k: usize| {
+            let t = k as f64 / rate;
+            let q = (t / travel * 3.0).sin();
+            format!("{},{q},{}\n", t / unit, q + 0.1 * (7.0 * t).cos())
+        };
+        fs::write(&path, format!("t,q1,tau1\n{}", (0..2000).map(row).collect::<String>())).unwrap();
+        match recording::read(&path, None) {
+            Ok(_) => "s".to_string(),
+            Err(e) => {
+                let text = e.to_string();
+                let unit = text.split("t=t[").nth(1).unwrap_or_else(|| panic!("{text}"));
+                unit.split(']').next().unwrap().to_string()
+            }
+        }
+    };
+    // Rate, travel time, unit in which it is written, unit that is found.
+    let table = [
+        (5.0, 2.0, 1.0, "s"),
+        (12.0, 20.0, 1.0, "s"),
+        (12.0, 0.5, 1.0, "s"),
+        (1e3, 0.5, 1.0, "s"),
+        (2e4, 0.5, 1.0, "s"),
+        (12.0, 2.0, 1e-3, "ms"),
+        (100.0, 0.5, 1e-3, "ms"),
+        (1e3, 0.5, 1e-3, "ms"),
+        (1e3, 0.02, 1e-3, "ms"),
+        (4e3, 0.5, 1e-3, "ms"),
+        (1.9e4, 0.5, 1e-3, "ms"),
+        (12.0, 2.0, 1e-6, "us"),
+        (1e3, 0.5, 1e-6, "us"),
+        (2e4, 0.5, 1e-6, "us"),
+    ];
+    for (rate, travel, unit, expected) in table {
+        assert_eq!(said(rate, travel, unit), expected, "{rate} Hz, {travel} s, in {unit} s");
+    }
 }
 
 #[test]
@@ -725,7 +767,7 @@ fn socket_margins_come_all_together_or_not_at_all() {
     assert!(has(&["unknown columns ignored", "`margin9_lower`"]), "{warnings:?}");
     assert!(has(&["`margin1_upper` ignored", "needs `margin3_lower`"]), "{warnings:?}");
 
-    // They go where the samples go: a gap splits, jitter resamples.
+    // They go where the samples go: a gap splits.
     let gap: Vec<&str> = text.lines().enumerate().filter(|(i, _)| !(500..600).contains(i)).map(|(_, l)| l).collect();
     fs::write(&path, gap.join("\n")).unwrap();
     let s = read(&path).0.signals;

@@ -167,7 +167,7 @@ fn cases() -> Vec<Case> {
     let mut changed = |name: &str, change: Change, command: &str| {
         all.push(Case { name: name.into(), change, command: command.into() });
     };
-    changed("recording: cut short in a row", Change::CutBefore { file: "run.csv", text: "100,0.000" }, CHECK);
+    changed("recording: cut short in a row", Change::CutBefore { file: "run.csv", text: "012," }, CHECK);
     changed("recording: cut short after the header", Change::CutBefore { file: "run.csv", text: "0.000,-" }, CHECK);
     changed("recording: empty", Change::CutBefore { file: "run.csv", text: "t,q1" }, CHECK);
     changed("recording: milliseconds", Change::Scaled { column: 0, by: 1000 }, CHECK);

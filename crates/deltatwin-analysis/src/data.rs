@@ -281,6 +281,7 @@ fn dataset(
             expected: "a longer stretch without gaps".into(),
         });
     }
+    warnings.extend(dataset.on_times(&recording));
     warnings.extend(meaningless(file, &recording, &dataset));
     Ok(dataset)
 }

@@ -48,7 +48,8 @@ pub fn axis(name: &str, recordings: &[Recording], gear_ratio: Option<f64>) -> Re
         return Err(InitialError::TooShort { name: empty.name.clone() });
     }
     let mechanism = recordings.first().ok_or(InitialError::NoMotion)?.signals.mechanism;
-    let mut remarks = Vec::new();
+    let on_times = |(d, r): (&Dataset, &Recording)| d.on_times(r).map(|sentence| sentence + ".");
+    let mut remarks: Vec<String> = datasets.iter().zip(recordings).filter_map(on_times).collect();
     let joined = join(mechanism, recordings, &mut datasets, &mut remarks);
     let recordings = &joined[..];
     if let Some(cut_off) = bandwidth(mechanism, &datasets) {
@@ -169,7 +170,7 @@ impl Own<'_> {
         let acceleration = quantile(self.samples(|d, k| d.joints[k].qdd[0]), DERIVED.1);
         let jerks = self.datasets.iter().flat_map(|d| {
             let steps = d.segments.iter().flat_map(|s| s.clone().zip(s.clone().skip(1)));
-            steps.map(|(a, b)| (d.joints[b].qdd[0] - d.joints[a].qdd[0]) / d.dt).collect::<Vec<_>>()
+            steps.map(|(a, b)| (d.joints[b].qdd[0] - d.joints[a].qdd[0]) / d.step(b)).collect::<Vec<_>>()
         });
         let jerk = quantile(jerks, DERIVED.1);
         let most = |x: f64, factor: f64| rounded_up(factor * x.max(f64::MIN_POSITIVE.sqrt()), 3);

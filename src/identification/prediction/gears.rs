@@ -157,7 +157,7 @@ impl Arms<'_> {
         before: &Deflection,
         inverse: &mut Option<Matrix3<f64>>,
     ) -> Result<Deflection, KinematicsError> {
-        let h = self.dataset.dt;
+        let h = self.dataset.step(k);
         let left = |a: &Vector3<f64>| self.excess(k, &before.after(h, *a));
         let mut acceleration = before.acceleration;
         let mut last: Option<[Vector3<f64>; 2]> = None;
@@ -263,8 +263,8 @@ impl<'a> Passage<'a> {
         };
         let slopes: Vec<Vec<[Vector3<f64>; 2]>> =
             (0..dataset.len()).into_par_iter().map(at).collect::<Result<_, KinematicsError>>()?;
-        let h = dataset.dt;
-        let inverse = |slopes: &Vec<[Vector3<f64>; 2]>| {
+        let inverse = |(k, slopes): (usize, &Vec<[Vector3<f64>; 2]>)| {
+            let h = dataset.step(k);
             let mut matrix = Matrix3::from_diagonal_element(BETA * h * h);
             for (i, c) in measured(&drives) {
                 let (gear, [mass, friction]) = (&gears[i], slopes[c]);
@@ -275,7 +275,7 @@ impl<'a> Passage<'a> {
             }
             matrix.try_inverse().unwrap_or_else(Matrix3::zeros)
         };
-        let inverse = slopes.iter().map(inverse).collect();
+        let inverse = slopes.iter().enumerate().map(inverse).collect();
         Ok(Self { dataset, joints, gears, drives, slopes: slopes.concat(), inverse })
     }
 
@@ -297,11 +297,12 @@ impl<'a> Passage<'a> {
 
     /// Converts a column in one segment; `own` is the arm whose compliance is the parameter, if any.
     fn turn(&self, segment: Range<usize>, column: &mut Channels, own: Option<usize>) {
-        let (h, none) = (self.dataset.dt, Vector3::zeros());
+        let none = Vector3::zeros();
         let mut s = Deflection { angle: self.source(column, segment.start, own), rate: none, acceleration: none };
         for k in segment {
             let slopes = &self.slopes[k * column.len()..(k + 1) * column.len()];
             // The equation is linear in the new acceleration: the part without it, and its coefficient.
+            let h = self.dataset.step(k);
             let free = s.after(h, none);
             let mut right = self.source(column, k, own) - free.angle;
             for (i, c) in measured(&self.drives) {

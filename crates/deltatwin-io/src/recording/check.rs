@@ -14,8 +14,9 @@ pub(super) use self::channels::check;
 pub(super) use self::names::{foreign, known, machine, required};
 use super::ReadError;
 
-/// Smallest number of samples of a recording.
-const MIN_SAMPLES: usize = 100;
+/// Smallest number of samples of a recording and of a stretch between gaps: the widest polynomial of the derivatives, three
+/// samples either side, and as many more as a law has parameters.
+const MIN_SAMPLES: usize = 10;
 
 /// Columns of a file, one per channel.
 pub(super) struct Table {

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use deltatwin::identification::initial::quantum;
 use deltatwin::machine::{AXES, Effort, Joint, Mechanism, Unit};
+use deltatwin::model::history::rounded_to;
 use deltatwin::recording::{Channel, sample_time};
 
 use super::{Column, Table};
@@ -11,6 +12,13 @@ use crate::recording::ReadError;
 
 /// Plausible arm angles, rad: −0.9…1.9, extended by 40° on either side.
 const ARM_ANGLE: (f64, f64) = (-1.6, 2.6);
+/// Sampling period, s, up to which times are seconds: as milliseconds it would be 20 kHz and more …
+const SURELY_SECONDS: f64 = 0.05;
+/// … and from which they are not: slower logs do not resolve the motion of a servo axis.
+const LONGEST_STEP: f64 = 0.25;
+/// Longest time, s, that an axis takes for its travel at its largest speed. Milliseconds read as seconds make it at least
+/// twice that of a stroke of 0.1 s.
+const SLOWEST: f64 = 60.0;
 /// One step of so many beyond the largest plausible rate is no jump of an encoder, but another unit.
 const FAST: usize = 100;
 /// Number of levels of a torque below which equal values are those of its steps.
@@ -21,14 +29,10 @@ const FROZEN: usize = 50;
 impl Table {
     pub(super) fn units(&self, warnings: &mut Vec<String>) -> Result<(), ReadError> {
         let step = sample_time(&self.t);
-        if step > 0.05 {
-            let problem = format!("steps of {step} s; looks like milliseconds");
-            return Err(self.value_error(
-                1,
-                "t",
-                problem,
-                "seconds, sampled at 20 Hz or more; --map \"t=t[ms]\" reads milliseconds",
-            ));
+        if let Some((unit, name)) = self.other_unit_of_time(step) {
+            let problem = format!("steps of {} s; looks like {name}", rounded_to(step, 6));
+            let expected = format!("seconds, sampled at 4 Hz or more; --map \"t=t[{unit}]\" reads {name}");
+            return Err(self.value_error(1, "t", problem, expected));
         }
         if step < 1e-6 {
             let problem = format!("steps of {step:e} s");
@@ -82,6 +86,30 @@ impl Table {
             }
         }
         Ok(())
+    }
+
+    /// Unit of times that are no seconds, and its name: the first in which an axis takes no longer than [`SLOWEST`] for its
+    /// travel, or one turn if that is less, at its largest speed.
+    fn other_unit_of_time(&self, step: f64) -> Option<(&'static str, &'static str)> {
+        if step <= SURELY_SECONDS {
+            return None;
+        }
+        let duration = |k: usize| {
+            let q = self.column(&format!("q{k}"))?;
+            let mut speeds: Vec<f64> =
+                (1..q.len()).map(|i| (q[i] - q[i - 1]).abs() / (self.t[i] - self.t[i - 1])).collect();
+            let place = speeds.len() * 99 / 100;
+            let speed = *speeds.select_nth_unstable_by(place, f64::total_cmp).1;
+            let (low, high) = span(q);
+            Some((high - low).min(std::f64::consts::TAU) / speed).filter(|time| time.is_finite())
+        };
+        let shortest = (1..=self.machine.axes()).filter_map(duration).fold(f64::INFINITY, f64::min);
+        let units = [("s", "", 1.0), ("ms", "milliseconds", 1e-3), ("us", "microseconds", 1e-6)];
+        let fits = |(unit, _, factor): &&(&str, &str, f64)| {
+            shortest * factor <= SLOWEST && (*unit != "s" || step <= LONGEST_STEP)
+        };
+        let (unit, name, _) = *units.iter().find(fits).unwrap_or(&units[if step > LONGEST_STEP { 1 } else { 0 }]);
+        (unit != "s").then_some((unit, name))
     }
 
     pub(super) fn constant(&self, warnings: &mut Vec<String>) -> Result<(), ReadError> {

@@ -1,71 +1,65 @@
-//! Segments with uniform sampling.
+//! Steps of the times: gaps, rounded times, unequal steps.
 
 use std::ops::Range;
 
-use deltatwin::recording::sample_time;
+use deltatwin::recording::{is_even, sample_time};
+use deltatwin::text::significant;
 
 use super::{MIN_SAMPLES, Table};
 use crate::recording::ReadError;
 
-/// Smallest number of samples of a segment between gaps; shorter ones are dropped.
-const SHORTEST_STRETCH: usize = 10;
-/// Largest relative deviation of a sampling step from the median that counts as uniform.
-const JITTER: f64 = 0.01;
+/// Longest gap, in sampling periods, between samples of one segment: four widths of the smoother of the longest time scale
+/// (`src/identification/derivatives.rs`), beyond which neither side depends on the other. Shorter ones it judges itself.
+const LONGEST_GAP: f64 = 100.0;
+/// Step, in sampling periods, from which samples are missing.
+const GAP: f64 = 1.5;
 
 impl Table {
-    /// Splits at gaps, and resamples segments that are not uniform.
+    /// Splits at gaps that nothing bridges; all other samples keep their times.
     pub(super) fn sampling(&mut self, warnings: &mut Vec<String>) -> Result<Vec<Range<usize>>, ReadError> {
         let step = sample_time(&self.t);
-        // One or two lost samples are interpolated, unless the sampling period is too long for that.
-        let gap = (1.5 * step).max((3.5 * step).min(5e-3));
-        let mut stretches = Vec::new();
-        let mut start = 0;
-        for i in 1..=self.t.len() {
-            if i == self.t.len() || self.t[i] - self.t[i - 1] > gap {
-                if i < self.t.len() {
-                    let width = self.t[i] - self.t[i - 1];
-                    let problem = format!("gap of {width:.6} s before {}", self.at(i));
-                    warnings.push(format!("{problem}: samples before and after are kept apart"));
-                }
-                if i - start >= SHORTEST_STRETCH {
-                    stretches.push(start..i);
-                } else {
-                    warnings.push(format!("{} samples from {} dropped", i - start, self.at(start)));
-                }
-                start = i;
-            }
+        let width = |i: usize| self.t[i] - self.t[i - 1];
+        let gaps: Vec<usize> = (1..self.t.len()).filter(|&i| width(i) > GAP * step).collect();
+        let (long, short): (Vec<usize>, Vec<usize>) = gaps.iter().partition(|&&i| width(i) > LONGEST_GAP * step);
+        for (gaps, end) in [(&short, "samples keep their times"), (&long, "samples before and after are kept apart")] {
+            let Some(&longest) = gaps.iter().max_by(|&&a, &&b| width(a).total_cmp(&width(b))) else { continue };
+            let (width, at) = (significant(width(longest), 3), self.at(longest));
+            warnings.push(match gaps.len() {
+                1 => format!("gap of {width} s before {at}: {end}"),
+                n => format!("{n} gaps of up to {width} s, the longest before {at}: {end}"),
+            });
         }
-        limit_number(warnings, "gap of", 10);
-        limit_number(warnings, "samples from", 10);
-        let total: usize = stretches.iter().map(|r| r.len()).sum();
-        if total < MIN_SAMPLES {
-            let problem = format!("only {total} samples remain between gaps in time");
-            return Err(ReadError::content(&self.file, problem, format!("at least {MIN_SAMPLES}")));
+        let starts = std::iter::once(0).chain(long.iter().copied());
+        let all: Vec<Range<usize>> =
+            starts.zip(long.iter().copied().chain([self.t.len()])).map(|(a, b)| a..b).collect();
+        let (stretches, few): (Vec<_>, Vec<_>) = all.into_iter().partition(|r| r.len() >= MIN_SAMPLES);
+        if let Some(first) = few.first() {
+            let count: usize = few.iter().map(|r| r.len()).sum();
+            let at = self.at(first.start);
+            warnings.push(format!(
+                "{count} samples in {} pieces shorter than {MIN_SAMPLES}, the first from {at}: dropped",
+                few.len()
+            ));
         }
-        let deviation = |r: &Range<usize>| {
-            let steps = self.t[r.clone()].windows(2);
-            steps.map(|w| (w[1] - w[0] - step).abs() / step).fold(0.0, f64::max)
-        };
-        let worst = stretches.iter().map(deviation).fold(0.0, f64::max);
-        if worst <= JITTER {
+        if stretches.is_empty() {
+            let problem = format!("no {MIN_SAMPLES} samples in a row without a gap of {LONGEST_GAP} sampling periods");
+            return Err(ReadError::content(&self.file, problem, "more samples in a row"));
+        }
+        if stretches.iter().all(|r| is_even(&self.t[r.clone()], step)) {
             return Ok(self.pick(&stretches));
         }
-        let percent = 100.0 * worst;
+        let steps = || (1..self.t.len()).map(width).filter(|w| *w <= GAP * step);
+        let percent = significant(steps().map(|w| 100.0 * (w / step - 1.0).abs()).fold(0.0, f64::max), 3);
         if let Some((digit, times)) = rounded(&self.t, &stretches) {
             for (r, t) in stretches.iter().zip(times) {
                 self.t[r.clone()].copy_from_slice(&t);
             }
-            warnings.push(format!("time is rounded to {digit} s, steps vary by {percent:.1} %: taken as uniform"));
-            return Ok(self.pick(&stretches));
+            warnings.push(format!("time is rounded to {digit} s, steps vary by {percent} %: taken as uniform"));
+        } else if !steps().all(|w| (w / step - 1.0).abs() <= 0.01) {
+            let period = significant(step, 3);
+            warnings.push(format!("time steps vary by up to {percent} % of {period} s: samples keep their times"));
         }
-        warnings
-            .push(format!("time steps vary by up to {percent:.1} %: resampled to {step:.6e} s by cubic interpolation"));
-        let stretches = self.resample(&stretches, step);
-        if self.t.len() < MIN_SAMPLES {
-            let problem = "hardly any samples remain after resampling";
-            return Err(ReadError::content(&self.file, problem, "evenly sampled signals"));
-        }
-        Ok(stretches)
+        Ok(self.pick(&stretches))
     }
 
     /// Keeps only the samples in `stretches` and returns their new ranges.
@@ -78,75 +72,12 @@ impl Table {
         for c in &mut self.columns {
             c.values = cut(&c.values);
         }
-        consecutive(stretches.iter().map(|r| r.len()))
-    }
-
-    fn resample(&mut self, stretches: &[Range<usize>], step: f64) -> Vec<Range<usize>> {
-        let mut t = Vec::new();
-        let mut stencils = Vec::new();
-        let mut lengths = Vec::new();
-        for r in stretches {
-            let (first, last) = (self.t[r.start], self.t[r.end - 1]);
-            let mut kept = vec![r.start]; // Samples almost on top of each other would only amplify noise.
-            kept.extend((r.start + 1..r.end).filter({
-                let mut previous = first;
-                let times = &self.t;
-                move |&i| {
-                    let keep = times[i] - previous >= 0.3 * step;
-                    if keep {
-                        previous = times[i];
-                    }
-                    keep
-                }
-            }));
-            if kept.len() < 4 {
-                continue;
-            }
-            let count = ((last - first) / step + 1e-6) as usize + 1;
-            let mut j = 0;
-            for k in 0..count {
-                let x = first + k as f64 * step;
-                while j + 2 < kept.len() && self.t[kept[j + 1]] <= x {
-                    j += 1;
-                }
-                let s = j.saturating_sub(1).min(kept.len() - 4);
-                let nodes = [kept[s], kept[s + 1], kept[s + 2], kept[s + 3]];
-                stencils.push((nodes, lagrange(nodes.map(|i| self.t[i]), x)));
-                t.push(x);
-            }
-            lengths.push(count);
-        }
-        for c in &mut self.columns {
-            let value = |(nodes, weights): &([usize; 4], [f64; 4])| {
-                nodes.iter().zip(weights).map(|(&i, w)| w * c.values[i]).sum()
-            };
-            c.values = stencils.iter().map(value).collect();
-        }
-        self.t = t;
-        consecutive(lengths.into_iter())
-    }
-}
-
-fn consecutive(lengths: impl Iterator<Item = usize>) -> Vec<Range<usize>> {
-    let mut start = 0;
-    lengths
-        .map(|n| {
-            start += n;
-            start - n..start
-        })
-        .collect()
-}
-
-/// Keeps the first `most` warnings that contain `pattern` and counts the others.
-fn limit_number(warnings: &mut Vec<String>, pattern: &str, most: usize) {
-    let count = warnings.iter().filter(|w| w.contains(pattern)).count();
-    if count > most {
-        let mut seen = 0;
-        warnings.retain(|w| {
-            seen += usize::from(w.contains(pattern));
-            !w.contains(pattern) || seen <= most
+        let mut start = 0;
+        let consecutive = stretches.iter().map(|r| {
+            start += r.len();
+            start - r.len()..start
         });
-        warnings.push(format!("{} more like \"{pattern} …\"", count - most));
+        consecutive.collect()
     }
 }
 
@@ -169,12 +100,4 @@ fn rounded(t: &[f64], stretches: &[Range<usize>]) -> Option<(f64, Vec<Vec<f64>>)
         times.push(uniform);
     }
     Some((unit, times))
-}
-
-/// Weights of cubic Lagrange interpolation through four points at `x`.
-fn lagrange(nodes: [f64; 4], x: f64) -> [f64; 4] {
-    std::array::from_fn(|i| {
-        let others = (0..4).filter(|&j| j != i);
-        others.map(|j| (x - nodes[j]) / (nodes[i] - nodes[j])).product()
-    })
 }
