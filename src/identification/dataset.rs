@@ -1,16 +1,17 @@
 //! [`Dataset`]: a recording prepared for the dynamics.
 
 use std::ops::Range;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use super::derivatives::{Angles, Method};
 use super::filtering::MIN_HALF_WIDTH;
+use crate::dynamics::Plant;
 use crate::evidence::noise::difference_sigma;
 use crate::kinematics::JointState;
 use crate::machine::{AXES, Configuration, Mechanism, Part, STRUTS, Setup};
 use crate::model::Model;
 use crate::recording::Channel;
-use crate::recording::{Recording, Rows, Signals};
+use crate::recording::{Loads, Recording, Rows, Signals};
 
 /// Half width of the differentiation, s, up to which reversals are resolved.
 const RESOLVED: f64 = 0.03;
@@ -42,6 +43,8 @@ pub struct Dataset {
     pub readings: EncoderReadings,
     /// Measured channels.
     pub channels: Vec<Channel>,
+    /// Loads from outside that were measured.
+    pub loads: Option<Arc<Loads>>,
     /// Measured values, one series per channel.
     pub measured: Vec<Vec<f64>>,
     /// Ranges of samples without gaps.
@@ -85,6 +88,7 @@ impl Dataset {
             t: (0..n).map(|k| k as f64 * dt).collect(),
             joints,
             readings: EncoderReadings::default(),
+            loads: None,
             measured: vec![vec![0.0; n]; channels.len()],
             channels,
             segments: std::iter::once(0..n).collect(),
@@ -109,6 +113,7 @@ impl Dataset {
         let mut dataset = Self {
             name: recording.name.clone(),
             segments: Vec::new(),
+            loads: Loads::of(signals).map(Arc::new),
             half_width: angles.half_widths(),
             ..Self::exact(signals.mechanism, recording.setup, channels, dt, Vec::new())
         };
@@ -143,6 +148,11 @@ impl Dataset {
         dataset
     }
 
+    /// The machine of `model` in the setup of the recording, under the loads that were measured.
+    pub fn plant(&self, model: &Model) -> Plant {
+        Plant::new(model, &self.setup).under(self.loads.clone())
+    }
+
     /// Joint motion including the ringing of elastic gears after reversals; [`Self::joints`] for an exact motion.
     pub fn ringing(&self) -> &[JointState] {
         let angles = self.readings.rows();
@@ -174,6 +184,7 @@ impl Dataset {
         Self {
             name: self.name.clone(),
             segments: Vec::new(),
+            loads: self.loads.clone(),
             standing: self.standing,
             half_width: self.half_width,
             ..Self::exact(self.mechanism, self.setup, self.channels.clone(), self.dt, Vec::new())
@@ -246,6 +257,7 @@ impl Dataset {
         Self {
             t: blocks.iter().map(|b| self.t[middle(b)]).collect(),
             joints: blocks.iter().map(|b| self.joints[middle(b)]).collect(),
+            loads: self.loads.as_ref().map(|loads| Arc::new(loads.averaged(&self.t, &blocks))),
             measured: self.measured.iter().map(|m| self.means(m, block)).collect(),
             segments: averaged_segments(std::slice::from_ref(self), block),
             dt: block as f64 * self.dt,
