@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use crate::common::{model, random_joints};
 use crate::machines::{run, turntable};
-use deltatwin::diagnosis::{Verdict, diagnose};
+use deltatwin::diagnosis::{Diagnosis, Verdict, diagnose};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::gate::examine;
 use deltatwin::identification::initial::axis;
@@ -44,6 +44,10 @@ fn winch(seed: u64, scale: f64, proportional: f64, load: Law) -> Recording {
     Recording { name: format!("winch {seed}"), signals, ..Recording::default() }
 }
 
+fn names(d: &Diagnosis) -> Vec<&str> {
+    d.effects.iter().map(|e| e.name.as_str()).collect()
+}
+
 fn swaying(t: f64) -> f64 {
     4.0 + 1.5 * (TAU * 0.07 * t).sin() + 0.6 * (TAU * 0.31 * t).cos()
 }
@@ -74,9 +78,11 @@ fn friction_is_found_beside_a_measured_load() {
         let number = first.numbers.iter().find(|n| n.table == table && n.key == key).expect("a number");
         (number.values[0], number.std[0])
     };
-    for (table, key, truth) in
-        [("bodies.axis", "inertia", 0.03), ("effects.drive_friction", "coulomb", 0.25), ("effects.drive_friction", "viscous", 0.08)]
-    {
+    for (table, key, truth) in [
+        ("bodies.axis", "inertia", 0.03),
+        ("effects.drive_friction", "coulomb", 0.25),
+        ("effects.drive_friction", "viscous", 0.08),
+    ] {
         let (value, std) = of(table, key);
         assert!((value - truth).abs() < 4.0 * std + 0.01 * truth, "{key}: {value} ± {std}");
     }
@@ -84,7 +90,9 @@ fn friction_is_found_beside_a_measured_load() {
     let data = runs.each_ref().map(Dataset::new);
     assert!(data.iter().all(|dataset| examine(&first.model, dataset).iter().all(|f| !f.severe)));
     let d = diagnose(&first.model, &data[..1], &data[1..], &mut |_| {}).unwrap();
-    assert_eq!(d.verdict, Verdict::None, "{:?}", d.effects.iter().map(|e| &e.name).collect::<Vec<_>>());
+    assert_eq!(d.verdict, Verdict::None, "{:?} {:?} {:?}", names(&d), d.rms_after, d.noise_floor);
+    // Noise of torque and load together.
+    assert!((d.noise_floor[0] / 0.02f64.hypot(0.02) - 1.0).abs() < 0.05, "{:?}", d.noise_floor);
 }
 
 /// The load that was measured, and not the torque of the model, says what friction follows it.
@@ -94,10 +102,12 @@ fn friction_in_proportion_to_a_measured_load_is_named() {
     let first = axis("winch", &healthy, None).expect("a model").model;
     let worn = [3, 4].map(|seed| Dataset::new(&winch(seed, 1.0, 0.06, swaying)));
     let d = diagnose(&first, &worn[..1], &worn[1..], &mut |_| {}).unwrap();
-    let names: Vec<&str> = d.effects.iter().map(|e| e.name.as_str()).collect();
+    let names = names(&d);
     let set = |name: &str| d.indistinguishable.iter().any(|s| s.iter().any(|n| n == name));
     assert!(names == ["gear_load_friction"] || set("gear_load_friction"), "{names:?} {:?}", d.indistinguishable);
-    if let [effect] = &d.effects[..] && effect.name == "gear_load_friction" {
+    if let [effect] = &d.effects[..]
+        && effect.name == "gear_load_friction"
+    {
         let share = &effect.parameters[0];
         assert!((share.value - 0.06).abs() < 4.0 * share.std.max(1e-3), "{} ± {}", share.value, share.std);
     }

@@ -1,5 +1,6 @@
 //! [`Dataset`]: a recording prepared for the dynamics.
 
+use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
@@ -281,13 +282,23 @@ impl Dataset {
         self.channels = kept.iter().map(|&i| self.channels[i]).collect();
     }
 
-    /// Noise standard deviation of each channel: from the setup, else estimated from the channel's differences, else
-    /// from the model.
+    /// Measured series of channel `c`; of a single axis under a measured load without it: its residual has the noise of
+    /// both sensors.
+    pub(crate) fn borne(&self, c: usize) -> Cow<'_, [f64]> {
+        let load = self.loads.as_ref().filter(|_| self.mechanism.axes() == 1 && self.channels[c].drive().is_some());
+        let Some(load) = load else { return Cow::Borrowed(&self.measured[c]) };
+        let of = |(t, torque): (&f64, &f64)| torque - load.of_axis(*t).unwrap_or(0.0);
+        Cow::Owned(self.t.iter().zip(&self.measured[c]).map(of).collect())
+    }
+
+    /// Noise standard deviation of each channel's residual: from the setup, else estimated from the channel's differences,
+    /// else from the model.
     pub fn noise(&self, model: &Model) -> Vec<f64> {
         let sigma = |c: usize| {
             let drive = self.channels[c].drive();
             let stated = drive.zip(self.setup.torque_noise).map(|(i, stated)| stated[i]).filter(|s| *s > 0.0);
-            let seen = || difference_sigma(&self.measured[c], &self.segments, 4).filter(|s| *s > 0.0);
+            let stated = stated.filter(|_| self.loads.is_none());
+            let seen = || difference_sigma(&self.borne(c), &self.segments, 4).filter(|s| *s > 0.0);
             stated.or_else(seen).unwrap_or(drive.map_or(model.noise.strut_force, |i| model.noise.torque[i]))
         };
         (0..self.channels.len()).map(sigma).collect()
@@ -302,11 +313,11 @@ impl Dataset {
     pub fn noise_of_means(&self, model: &Model, block: usize) -> Vec<f64> {
         let inner = self.stride(SMOOTH).min(block);
         let segments = averaged_segments(std::slice::from_ref(self), inner);
-        let of = |(sigma, series): (f64, &Vec<f64>)| {
-            let seen = difference_sigma(&self.means(series, inner), &segments, 4).unwrap_or(0.0);
+        let of = |(c, sigma): (usize, f64)| {
+            let seen = difference_sigma(&self.means(&self.borne(c), inner), &segments, 4).unwrap_or(0.0);
             (sigma / (block as f64).sqrt()).max(seen * (inner as f64 / block as f64).sqrt())
         };
-        self.noise(model).into_iter().zip(&self.measured).map(of).collect()
+        self.noise(model).into_iter().enumerate().map(of).collect()
     }
 }
 
