@@ -281,6 +281,7 @@ fn instant<'a>(
         reactions,
         state,
         torque,
+        load: None,
         closed: SocketSet::ALL,
     }
 }

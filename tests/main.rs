@@ -30,6 +30,7 @@ mod formulations;
 mod identification;
 mod laws;
 mod links;
+mod loads;
 mod r#loop;
 mod machines;
 mod model;

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::initial::axis;
 use deltatwin::identification::{Dataset, fit};
-use deltatwin::machine::{Joint, Mechanism};
+use deltatwin::machine::Joint;
 use deltatwin::recording::{Recording, Signals};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;

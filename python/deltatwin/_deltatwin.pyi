@@ -90,7 +90,10 @@ class Setup:
         *,
         assembled: bool = True,
         torque_noise: Sequence[float] | None = None,
+        load: Mapping[str, float] | None = None,
     ) -> Setup: ...
+    @property
+    def load(self) -> dict[str, float]: ...
     @property
     def payload(self) -> Payload: ...
     @property
@@ -271,6 +274,7 @@ class Recording:
         qd: ArrayLike | None = None,
         qdd: ArrayLike | None = None,
         setup: Setup | None = None,
+        channels: Mapping[str, ArrayLike] | None = None,
         name: str = "arrays",
         prismatic: bool = False,
     ) -> Recording: ...

@@ -1,5 +1,6 @@
 //! [`Recording`]: measured or simulated signals.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
@@ -134,11 +135,12 @@ impl Recording {
 
     /// A recording from arrays: times ``t`` ``(n,)`` in s, ``q`` ``(n, dof)`` in rad (m if ``prismatic``), ``tau`` ``(n, dof)`` in N·m (N).
     ///
-    /// ``qd`` and ``qdd`` may be given where they were measured; they are else differentiated from ``q``.
+    /// ``qd`` and ``qdd`` may be given where they were measured; they are else differentiated from ``q``. ``channels`` are others
+    /// by the names of their columns, such as ``{"load1": load}``, each ``(n,)``.
     ///
     /// Raises ``DataError`` with row and column of a value that is not finite, or of times that do not increase.
     #[staticmethod]
-    #[pyo3(signature = (t, q, tau, *, qd = None, qdd = None, setup = None, name = "arrays", prismatic = false))]
+    #[pyo3(signature = (t, q, tau, *, qd = None, qdd = None, setup = None, channels = None, name = "arrays", prismatic = false))]
     #[expect(clippy::too_many_arguments, reason = "one argument per signal")]
     fn from_arrays(
         py: Python,
@@ -148,6 +150,7 @@ impl Recording {
         qd: Option<&Bound<'_, PyAny>>,
         qdd: Option<&Bound<'_, PyAny>>,
         setup: Option<PyRef<'_, Setup>>,
+        channels: Option<BTreeMap<String, Bound<'_, PyAny>>>,
         name: &str,
         prismatic: bool,
     ) -> PyResult<Self> {
@@ -190,8 +193,19 @@ impl Recording {
             let text = format!("row {k}, column `t`: {}; expected a time after {}", times[k], times[k - 1]);
             return Err(errors::data_error(py, text));
         }
+        for (name, values) in channels.unwrap_or_default() {
+            let channel =
+                Channel::named(&name).ok_or_else(|| errors::data_error(py, format!("{name}: no known channel")))?;
+            let values = py.import("numpy")?.call_method1("asarray", (values, "float64"))?;
+            let values = Rows::of(&values, &name, n)?.values()?.to_vec();
+            finite(py, channel, &values)?;
+            signals.set(channel, values);
+        }
         signals.t = times;
         let setup = setup.map(|s| s.inner).unwrap_or_default();
+        if let Some(misfit) = setup.load.misfit(mechanism) {
+            return Err(errors::data_error(py, misfit.to_string()));
+        }
         Ok(recording::Recording { name: name.into(), signals, setup }.into())
     }
 

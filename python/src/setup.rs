@@ -1,6 +1,8 @@
 //! Conditions of a run: [`Payload`] and [`Setup`].
 
-use deltatwin::machine::{self, Configuration};
+use std::collections::BTreeMap;
+
+use deltatwin::machine::{self, Configuration, Load};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -78,6 +80,24 @@ impl Payload {
 /// Mass, centre of mass, moments of inertia and faces of a payload.
 type Parts = (f64, [f64; 3], [f64; 6], [f64; 3]);
 
+/// A load from its keys.
+fn known_load(keys: BTreeMap<String, f64>) -> PyResult<Load> {
+    let mut load = Load::default();
+    for (key, value) in keys {
+        match key.as_str() {
+            _ if !value.is_finite() => {
+                return Err(PyValueError::new_err(format!("load[{key:?}] is {value}; expected a number")));
+            }
+            "mass" => load.mass = value,
+            "radius" => load.radius = Some(value),
+            "force" => load.force = value,
+            "torque" => load.torque = value,
+            _ => return Err(PyValueError::new_err(format!("load[{key:?}]: expected mass, radius, force or torque"))),
+        }
+    }
+    Ok(load)
+}
+
 /// Payload, configuration and noise of a run.
 #[pyclass(frozen, eq, module = "deltatwin")]
 #[derive(Clone, PartialEq)]
@@ -88,10 +108,16 @@ pub struct Setup {
 #[pymethods]
 impl Setup {
     /// Conditions of a run: ``payload``, whether the robot is ``assembled``, and the standard deviation of the torque noise
-    /// per axis in N·m, if it is known.
+    /// per axis in N·m, if it is known. ``load`` of a single axis has the keys of ``[load]``: ``mass``, ``radius``, ``force``,
+    /// ``torque``.
     #[new]
-    #[pyo3(signature = (payload = None, *, assembled = true, torque_noise = None))]
-    fn new(payload: Option<PyRef<'_, Payload>>, assembled: bool, torque_noise: Option<Vec<f64>>) -> PyResult<Self> {
+    #[pyo3(signature = (payload = None, *, assembled = true, torque_noise = None, load = None))]
+    fn new(
+        payload: Option<PyRef<'_, Payload>>,
+        assembled: bool,
+        torque_noise: Option<Vec<f64>>,
+        load: Option<BTreeMap<String, f64>>,
+    ) -> PyResult<Self> {
         let noise = torque_noise.map(|given| {
             if given.is_empty() || given.len() > 4 || given.iter().any(|x| !(x.is_finite() && *x >= 0.0)) {
                 let text = format!("torque_noise is {given:?}; expected one number from 0 per axis");
@@ -104,6 +130,7 @@ impl Setup {
                 configuration: if assembled { Configuration::Assembled } else { Configuration::Disassembled },
                 payload: payload.map(|p| p.inner).unwrap_or_default(),
                 torque_noise: noise.transpose()?,
+                load: known_load(load.unwrap_or_default())?,
             },
         })
     }
@@ -116,6 +143,15 @@ impl Setup {
     #[getter]
     fn assembled(&self) -> bool {
         self.inner.configuration == Configuration::Assembled
+    }
+
+    /// Known load of a single axis by the keys of ``[load]``.
+    #[getter]
+    fn load(&self) -> BTreeMap<&'static str, f64> {
+        let Load { mass, radius, force, torque } = self.inner.load;
+        let numbers = [("mass", mass), ("force", force), ("torque", torque)];
+        let stated = numbers.into_iter().filter(|(_, value)| *value != 0.0);
+        stated.chain(radius.map(|radius| ("radius", radius))).collect()
     }
 
     #[getter]

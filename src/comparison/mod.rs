@@ -6,7 +6,6 @@ mod hysteresis;
 mod place;
 mod spectrum;
 
-use crate::dynamics::Plant;
 use crate::identification::fit::{FitError, kinematics};
 use crate::identification::{Dataset, HeldOut, NoiseLevel, Repeats, Residuals, check_together};
 use crate::machine::Mechanism;
@@ -130,7 +129,7 @@ pub fn patterns(
 fn platform(model: &Model, datasets: &[Dataset]) -> Result<Vec<[f64; 3]>, FitError> {
     let mut points = Vec::new();
     for dataset in datasets {
-        let plant = Plant::new(model, &dataset.setup);
+        let plant = dataset.plant(model);
         if !plant.assembled {
             return Ok(Vec::new());
         }

@@ -96,8 +96,8 @@ fn telescope_on_platform(plant: &Plant, motion: &Motion, wrenches: &mut [Twist; 
 }
 
 /// Weight minus inertial wrench of every body in the given detail.
-pub(crate) fn rigid_loads(plant: &Plant, motion: &Motion, detail: Detail) -> [Twist; BODIES] {
-    let mut wrenches = rigid_wrenches(plant, motion);
+pub(crate) fn rigid_loads(plant: &Plant, t: f64, motion: &Motion, detail: Detail) -> [Twist; BODIES] {
+    let mut wrenches = rigid_wrenches(plant, t, motion);
     if detail == Detail::Reduced {
         telescope_on_platform(plant, motion, &mut wrenches);
     }
@@ -119,5 +119,5 @@ pub fn constraint_forces(
 ) -> Result<Multipliers, KinematicsError> {
     let statics = Statics::of(motion, detail)?;
     let solve = |wrenches: &[Twist; BODIES]| statics.solve(&Loads::new(motion, wrenches, detail));
-    borne(plant, t, motion, states, rigid_loads(plant, motion, detail), solve)
+    borne(plant, t, motion, states, rigid_loads(plant, t, motion, detail), solve)
 }

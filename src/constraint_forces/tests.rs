@@ -60,7 +60,7 @@ fn block_elimination_solves_the_dense_system() {
     for motion in motions(&plant, 100) {
         for detail in [Detail::Reduced, Detail::Complete] {
             let statics = Statics::of(&motion, detail).unwrap();
-            let loads = Loads::new(&motion, &rigid_loads(&plant, &motion, detail), detail);
+            let loads = Loads::new(&motion, &rigid_loads(&plant, 0.0, &motion, detail), detail);
             let dense = statics.jacobian().transpose().lu().solve(&loads.to_vector(&statics)).unwrap();
             let block = statics.solve(&loads).to_array();
             let error = distance(&block, dense.as_slice()) / dense.amax();

@@ -10,7 +10,7 @@ use super::fitting::{Fitting, Options};
 use super::judge::MIN_RELEVANCE;
 use super::search::with_effects;
 use super::{DiagnosisError, check, conclusion, problem};
-use crate::dynamics::{Plant, in_configuration};
+use crate::dynamics::in_configuration;
 use crate::effects::{ActiveEffect, rigid_bodies};
 use crate::evidence::{self, Assessment, Chosen, Finding, Settings};
 use crate::identification::fit::{Estimate, Options as FitOptions, fit_with};
@@ -148,7 +148,7 @@ fn refit(
     let chosen: Vec<Chosen> = lacking.map(|c| Chosen { candidate: c.candidate - own, ..c }).collect();
     let model = with_effects(healthy, absent, &chosen, None);
     let found: Vec<&str> = findings.iter().map(|f| names[f.chosen.candidate]).collect();
-    let parameters = Plant::new(&model, &later[0].setup).parameters();
+    let parameters = later[0].plant(&model).parameters();
     let mut fixed: Vec<String> = parameters.iter().map(|p| p.param.effect.to_string()).collect();
     fixed.retain(|effect| !found.contains(&effect.as_str()));
     fixed.dedup();

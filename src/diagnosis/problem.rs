@@ -6,7 +6,6 @@ use std::sync::Arc;
 use super::change::can_change;
 use super::fitting::Fitting;
 use super::orders;
-use crate::dynamics::Plant;
 use crate::effects::{self, ActiveEffect, Entry, Kind, Param, Role, Start};
 use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
 use crate::identification::dataset::averaged_segments;
@@ -262,10 +261,9 @@ impl Fitting<'_> {
         candidates: &[ActiveEffect],
     ) -> Result<(Vec<Owned>, Vec<Vec<Column>>), FitError> {
         let datasets = self.datasets;
-        let parameters = Plant::new(model, &datasets[0].setup).parameters();
+        let parameters = datasets[0].plant(model).parameters();
         let block = block(datasets);
-        let one =
-            |t: &Dataset| averaged_columns(&Plant::new(model, &t.setup), t, candidates, block).map_err(kinematics(t));
+        let one = |t: &Dataset| averaged_columns(&t.plant(model), t, candidates, block).map_err(kinematics(t));
         let all: Vec<Vec<Vec<Channels>>> = datasets.iter().map(one).collect::<Result<_, FitError>>()?;
         let own = all[0].len() - candidates.len();
         let owned = parameters

@@ -7,7 +7,7 @@ use super::reduction::Reduction;
 use super::{Plant, STILL, inertial_wrench};
 use crate::effects::{ActiveEffect, Instant, Wrenches};
 use crate::kinematics::motion::SOCKETS;
-use crate::kinematics::{KinematicsError, Motion, Reactions, SocketSet};
+use crate::kinematics::{KinematicsError, Motion, Reactions};
 use crate::machine::STRUTS;
 use crate::machine::bodies::{BODIES, STRUT};
 use crate::numerics::worst;
@@ -74,7 +74,7 @@ pub fn inverse_dynamics(
         let (tau, upper, lower) = reduction.balance(wrenches);
         Output { tau, reactions: Reactions { upper, lower } }
     };
-    borne(plant, t, motion, states, rigid_wrenches(plant, motion), output)
+    borne(plant, t, motion, states, rigid_wrenches(plant, t, motion), output)
 }
 
 /// [`inverse_dynamics`] at an instant without a past: the internal states are in equilibrium with the motion.
@@ -125,7 +125,7 @@ pub fn steady_socket_loads(plant: &Plant, t: f64, motion: &Motion) -> Result<Soc
         let reactions = Reactions { upper, lower };
         SocketLoads { output: Output { tau, reactions }, sockets: ball_forces(motion, wrenches, &reactions) }
     };
-    borne(plant, t, motion, &states, rigid_wrenches(plant, motion), loads)
+    borne(plant, t, motion, &states, rigid_wrenches(plant, t, motion), loads)
 }
 
 /// Forces of the balls on the struts (N, inertial axes) for the wrench (f, m) on each strut about its upper ball,
@@ -180,14 +180,15 @@ pub(crate) fn borne<T: Borne>(
     Ok(loads)
 }
 
-/// Weight minus inertial wrench of every body about its origin, inertial axes.
-pub(crate) fn rigid_wrenches(plant: &Plant, motion: &Motion) -> [Twist; BODIES] {
+/// Weight and known loads minus inertial wrench of every body about its origin, inertial axes.
+pub(crate) fn rigid_wrenches(plant: &Plant, t: f64, motion: &Motion) -> [Twist; BODIES] {
     let gravity = plant.gravity_vector();
     let mut wrenches = [STILL; BODIES];
     for (body, wrench) in wrenches.iter_mut().enumerate() {
         let (force, moment) = inertial_wrench(&plant.bodies[body], &motion.bodies[body], &gravity);
         *wrench = (-force, -moment);
     }
+    plant.add_loads(t, motion, &mut wrenches);
     wrenches
 }
 
@@ -233,15 +234,9 @@ fn instant<'a>(
     state: &'a [f64],
 ) -> Instant<'a> {
     Instant {
-        t,
-        motion,
-        bodies: &plant.bodies,
-        payload: &plant.payload,
-        gravity: plant.gravity,
         reactions: &loads.reactions,
-        state,
         torque: if active.effect.spec().reads.torque { loads.tau } else { [0.0; 4] },
-        closed: SocketSet::ALL,
+        ..plant.instant(t, motion, state)
     }
 }
 

@@ -2,15 +2,19 @@
 
 use nalgebra::Vector3;
 
+use std::sync::Arc;
+
 use super::ParamTable;
+use super::channels::Twist;
 use crate::effects::rigid_bodies::RigidBodies;
 use crate::effects::{ActiveEffect, Host, Instant, Kind};
 use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
-use crate::machine::bodies::{Bodies, END_EFFECTOR, PLATFORM, ROTOR};
+use crate::machine::bodies::{ARM, BODIES, Bodies, END_EFFECTOR, PLATFORM, ROTOR};
 use crate::machine::{
-    AXES, Configuration, Geometry, Inertia, LinkParameters, Mechanism, Part, Payload, STRUTS, Setup, Stops,
+    AXES, Configuration, Geometry, Inertia, LinkParameters, Load, Mechanism, Part, Payload, STRUTS, Setup, Stops,
 };
 use crate::model::Model;
+use crate::recording::{Loads, Recording};
 
 /// A machine in the configuration of one run.
 #[derive(Clone)]
@@ -29,6 +33,10 @@ pub struct Plant {
     pub link_parameters: LinkParameters,
     /// Load at the flange.
     pub payload: Payload,
+    /// Known load of a single axis, where none was measured.
+    pub load: Load,
+    /// Loads that were measured along the motion.
+    pub measured: Option<Arc<Loads>>,
     /// Gravitational acceleration, m/s².
     pub gravity: f64,
     /// Damping of the strut spins relative to the inertial frame, N·m·s/rad.
@@ -54,6 +62,8 @@ impl Plant {
             links: model.bodies.clone(),
             link_parameters: model.link_parameters,
             payload: setup.payload,
+            load: setup.load,
+            measured: None,
             gravity: model.gravity,
             spin_damping: model.sockets.spin_damping,
             stops: model.stops,
@@ -76,6 +86,9 @@ impl Plant {
     pub(crate) fn sum_inertia(&mut self) {
         let mut bodies = self.links.clone();
         bodies[END_EFFECTOR] += self.payload.inertia();
+        if let (Mechanism::Axis(_), None) = (self.mechanism, &self.measured) {
+            bodies[ARM] += Inertia::lone(self.load.inertia());
+        }
         for active in &self.effects {
             active.effect.inertia(&active.values(), &self.payload, &mut |k, body, unit| {
                 bodies[body] += unit * active.values[k];
@@ -89,6 +102,47 @@ impl Plant {
             bodies[ROTOR] = Inertia::diagonal(0.0, [0.0; 3], [1.0; 3]);
         }
         self.bodies = bodies;
+    }
+
+    /// The machine of `model` along a recording: in its setup, under the loads that were measured.
+    pub fn along(model: &Model, recording: &Recording) -> Self {
+        Self::new(model, &recording.setup).under(Loads::of(&recording.signals, &recording.signals.t).map(Arc::new))
+    }
+
+    /// The machine along a recording in which these loads were measured: they replace the load of the setup.
+    pub fn under(mut self, measured: Option<Arc<Loads>>) -> Self {
+        if measured.is_some() {
+            self.measured = measured;
+            self.sum_inertia();
+        }
+        self
+    }
+
+    /// Load L of a single axis at time `t` that is known, against positive motion, N·m or N; `None` if none is.
+    pub fn known_load(&self, t: f64) -> Option<f64> {
+        match (&self.measured, self.mechanism) {
+            (Some(measured), Mechanism::Axis(_)) => measured.of_axis(t),
+            (None, Mechanism::Axis(_)) => (!self.load.is_none()).then(|| self.load.at_rest()),
+            (_, Mechanism::Delta { .. }) => None,
+        }
+    }
+
+    /// Adds the wrench of the known loads at time `t`, −L on a single axis, a measured force on a robot's flange; returns
+    /// its power, W.
+    pub(crate) fn add_loads(&self, t: f64, motion: &Motion, wrenches: &mut [Twist; BODIES]) -> f64 {
+        if let Some(load) = self.known_load(t) {
+            let (body, screw) = motion.drive(0);
+            screw.push(&mut wrenches[body], -load);
+            return -load * motion.qd[0];
+        }
+        match &self.measured {
+            Some(measured) if self.assembled => {
+                let force = measured.on_flange(t);
+                wrenches[END_EFFECTOR].0 += force;
+                force.dot(&motion.bodies[END_EFFECTOR].velocity)
+            }
+            _ => 0.0,
+        }
     }
 
     /// The body that carries an inertia: without a telescope the end effector is part of the platform.
@@ -142,6 +196,7 @@ impl Plant {
             reactions: &NONE,
             state,
             torque: [0.0; AXES],
+            load: self.known_load(t),
             closed: SocketSet::ALL,
         }
     }

@@ -159,6 +159,7 @@ mod tests {
             reactions: &Reactions::default(),
             state,
             torque: [0.0; 4],
+            load: None,
             closed: SocketSet::ALL,
         })
     }

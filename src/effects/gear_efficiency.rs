@@ -32,7 +32,7 @@ static SPEC: Spec = Spec::new(
     Part::Drives,
     About {
         summary: "friction of the arm gears by load, other forward than backward",
-        law: "τ_f,i = −μ_i·|τ_i|·tanh(k·q̇_i), μ_i = μ₊,i while τ_i·q̇_i > 0 (driving), else μ₋,i (driven)",
+        law: "τ_f,i = −μ_i·|τ_i|·tanh(k·q̇_i), μ_i = μ₊,i while τ_i·q̇_i > 0 (driving), else μ₋,i (driven); τ_i or the known load",
         shows: "torque in proportion to itself, with one factor while a drive works and another while it brakes",
         source: "Bittencourt & Gunnarsson 2012 (load); Duclusaud et al. 2024, model M5 (direction); 2–10 % of the load",
     },
@@ -47,7 +47,7 @@ impl Effect for GearEfficiency {
 
     fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         for axis in 0..values.len(DRIVING) {
-            let (sign, torque) = (smooth_sign(at.motion.qd[axis], values.one(STEEPNESS)), at.torque[axis]);
+            let (sign, torque) = (smooth_sign(at.motion.qd[axis], values.one(STEEPNESS)), at.transmitted(axis));
             let block = if torque * sign > 0.0 { DRIVING } else { DRIVEN };
             out.drive_torque(values.index(block, axis), axis, -torque.abs() * sign);
         }

@@ -7,8 +7,8 @@ use super::{
 
 /// Friction torque τ = −μ·|τ_drive|·tanh(k·q̇) at each arm drive.
 ///
-/// μ dimensionless, never negative; τ_drive the total drive torque at the gear output, friction included; k in s/rad.
-/// Dissipates μ·|τ_drive|·q̇·tanh(k·q̇). In the twin τ_drive is known; inverse dynamics iterates with contraction
+/// μ dimensionless, never negative; τ_drive the total drive torque at the gear output, friction included, or the load at
+/// the output of a single axis where it is known; k in s/rad. Dissipates μ·|τ_drive|·q̇·tanh(k·q̇). In the twin τ_drive is known; inverse dynamics iterates with contraction
 /// factor μ.
 pub struct GearLoadFriction;
 
@@ -25,7 +25,7 @@ static SPEC: Spec = Spec::new(
     Part::Drives,
     About {
         summary: "friction of the arm gears in proportion to the torque they transmit",
-        law: "τ_f,i = −μ_i·|τ_i|·tanh(k·q̇_i), τ_i the drive torque at the gear output",
+        law: "τ_f,i = −μ_i·|τ_i|·tanh(k·q̇_i), τ_i the drive torque at the gear output, or the known load",
         shows: "torque scaled up while a drive works and down while it brakes",
         source: "Bittencourt et al., IROS 2010: about 2 % of the load torque; 1–5 %",
     },
@@ -41,7 +41,7 @@ impl Effect for GearLoadFriction {
     fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         for axis in 0..values.len(FRICTION) {
             let sign = smooth_sign(at.motion.qd[axis], values.one(STEEPNESS));
-            out.drive_torque(values.index(FRICTION, axis), axis, -at.torque[axis].abs() * sign);
+            out.drive_torque(values.index(FRICTION, axis), axis, -at.transmitted(axis).abs() * sign);
         }
     }
 }

@@ -135,6 +135,7 @@ mod tests {
             reactions: &Reactions::default(),
             state,
             torque: [0.0; 4],
+            load: None,
             closed: SocketSet::ALL,
         };
         let mut read = |_, body, force, moment| {

@@ -53,6 +53,7 @@ pub(super) fn wrenches_with(
             reactions,
             state: &state,
             torque: [0.0; 4],
+            load: None,
             closed: SocketSet::ALL,
         },
     )
@@ -71,6 +72,7 @@ pub(super) fn wrenches_in_state(effect: &dyn Effect, motion: &Motion, state: &[f
             reactions: &reactions,
             state,
             torque: [0.0; 4],
+            load: None,
             closed: SocketSet::ALL,
         },
     )
@@ -87,6 +89,7 @@ pub(super) fn at(motion: &Motion, state: &[f64], read: impl FnOnce(&Instant)) {
         reactions: &Reactions::default(),
         state,
         torque: [0.0; 4],
+        load: None,
         closed: SocketSet::ALL,
     });
 }
@@ -141,6 +144,7 @@ pub(super) fn carrying(
         reactions: &reactions,
         state: &[],
         torque: [0.0; 4],
+        load: None,
         closed: SocketSet::ALL,
     };
     let mut sum = [(Vector3::zeros(), Vector3::zeros()); BODIES];

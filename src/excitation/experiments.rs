@@ -393,7 +393,7 @@ impl Bench<'_> {
 
     /// Whether a motion respects the limits of drives and sockets.
     fn possible(&self, dataset: &Dataset) -> bool {
-        let plant = Plant::new(self.model, &dataset.setup);
+        let plant = dataset.plant(self.model);
         let drives = &self.model.drives[..self.model.mechanism.axes()];
         let slow = |j: &JointState| {
             drives

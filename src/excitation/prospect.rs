@@ -8,7 +8,6 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::experiments::Experiment;
-use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, Role};
 use crate::evidence::separation;
 use crate::evidence::whiten::ArFilter;
@@ -76,7 +75,7 @@ impl Information {
         dataset: &Dataset,
         noise: &Noise,
     ) -> Result<Self, KinematicsError> {
-        let plant = Plant::new(model, &dataset.setup);
+        let plant = dataset.plant(model);
         let mut names = Vec::new();
         let mut stacked: Vec<Vec<f64>> = Vec::new();
         let mut keep = |name: String, column: &Channels| {

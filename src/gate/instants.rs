@@ -60,7 +60,7 @@ impl<'a> Instants<'a> {
 /// Plant of the gate: rigid bodies, payload and force laws without internal states. Encoder effects, sensor effects
 /// and internal states change the predictions by less than what the gate detects.
 pub fn plain(model: &Model, dataset: &Dataset) -> Plant {
-    let mut plant = Plant::new(model, &dataset.setup);
+    let mut plant = dataset.plant(model);
     plant.effects.retain(|a| a.states() == 0 && !matches!(a.effect.kind(), Kind::Sensor | Kind::Encoder));
     plant
 }

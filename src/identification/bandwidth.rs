@@ -93,7 +93,7 @@ impl Regression<'_> {
             push(&|d| d.joints.iter().map(|j| j.q[0].cos()).collect());
         }
         push(&|d| vec![1.0; d.len()]);
-        let torque: Vec<f64> = self.datasets.iter().flat_map(|d| d.measured[0].iter().copied()).collect();
+        let torque: Vec<f64> = self.datasets.iter().flat_map(|d| d.borne(0).into_owned()).collect();
         let columns: Vec<&[f64]> = features.iter().map(Vec::as_slice).collect();
         let fit = least_squares(&columns, &torque)?;
         let rest = |k: usize| torque[k] - fit.beta.iter().zip(&columns).map(|(b, f)| b * f[k]).sum::<f64>();

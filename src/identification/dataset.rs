@@ -1,15 +1,17 @@
 //! [`Dataset`]: a recording prepared for the dynamics.
 
+use std::borrow::Cow;
 use std::ops::Range;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use super::derivatives::{Angles, Method};
 use super::filtering::MIN_HALF_WIDTH;
+use crate::dynamics::Plant;
 use crate::evidence::noise::difference_sigma;
 use crate::kinematics::JointState;
 use crate::machine::{AXES, Configuration, Mechanism, Part, STRUTS, Setup};
 use crate::model::Model;
-use crate::recording::{Channel, Recording, Rows, Signals, is_even};
+use crate::recording::{Channel, Loads, Recording, Rows, Signals, is_even};
 
 /// Half width of the differentiation, s, up to which reversals are resolved.
 const RESOLVED: f64 = 0.03;
@@ -43,6 +45,8 @@ pub struct Dataset {
     pub readings: EncoderReadings,
     /// Measured channels.
     pub channels: Vec<Channel>,
+    /// Loads from outside that were measured.
+    pub loads: Option<Arc<Loads>>,
     /// Measured values, one series per channel.
     pub measured: Vec<Vec<f64>>,
     /// Ranges of samples without gaps.
@@ -86,6 +90,7 @@ impl Dataset {
             t: (0..n).map(|k| k as f64 * dt).collect(),
             joints,
             readings: EncoderReadings::default(),
+            loads: None,
             measured: vec![vec![0.0; n]; channels.len()],
             channels,
             segments: std::iter::once(0..n).collect(),
@@ -112,6 +117,7 @@ impl Dataset {
         let mut dataset = Self {
             name: recording.name.clone(),
             segments: Vec::new(),
+            loads: Loads::of(signals, t).map(Arc::new),
             half_width: angles.half_widths(),
             ..Self::exact(signals.mechanism, recording.setup, channels, dt, Vec::new())
         };
@@ -146,6 +152,11 @@ impl Dataset {
         dataset
     }
 
+    /// The machine of `model` in the setup of the recording, under the loads that were measured.
+    pub fn plant(&self, model: &Model) -> Plant {
+        Plant::new(model, &self.setup).under(self.loads.clone())
+    }
+
     /// Joint motion including the ringing of elastic gears after reversals; [`Self::joints`] for an exact motion.
     pub fn ringing(&self) -> &[JointState] {
         let angles = self.readings.rows();
@@ -177,6 +188,7 @@ impl Dataset {
         Self {
             name: self.name.clone(),
             segments: Vec::new(),
+            loads: self.loads.clone(),
             standing: self.standing,
             half_width: self.half_width,
             ..Self::exact(self.mechanism, self.setup, self.channels.clone(), self.dt, Vec::new())
@@ -277,6 +289,7 @@ impl Dataset {
         Self {
             t: blocks.iter().map(|b| self.t[middle(b)]).collect(),
             joints: blocks.iter().map(|b| self.joints[middle(b)]).collect(),
+            loads: self.loads.as_ref().map(|loads| Arc::new(loads.averaged(&self.t, &blocks))),
             measured: self.measured.iter().map(|m| self.means(m, block)).collect(),
             segments: averaged_segments(std::slice::from_ref(self), block),
             dt: block as f64 * self.dt,
@@ -300,13 +313,23 @@ impl Dataset {
         self.channels = kept.iter().map(|&i| self.channels[i]).collect();
     }
 
-    /// Noise standard deviation of each channel: from the setup, else estimated from the channel's differences, else
-    /// from the model.
+    /// Measured series of channel `c`; of a single axis under a measured load without it: its residual has the noise of
+    /// both sensors.
+    pub(crate) fn borne(&self, c: usize) -> Cow<'_, [f64]> {
+        let load = self.loads.as_ref().filter(|_| self.mechanism.axes() == 1 && self.channels[c].drive().is_some());
+        let Some(load) = load else { return Cow::Borrowed(&self.measured[c]) };
+        let of = |(t, torque): (&f64, &f64)| torque - load.of_axis(*t).unwrap_or(0.0);
+        Cow::Owned(self.t.iter().zip(&self.measured[c]).map(of).collect())
+    }
+
+    /// Noise standard deviation of each channel's residual: from the setup, else estimated from the channel's differences,
+    /// else from the model.
     pub fn noise(&self, model: &Model) -> Vec<f64> {
         let sigma = |c: usize| {
             let drive = self.channels[c].drive();
             let stated = drive.zip(self.setup.torque_noise).map(|(i, stated)| stated[i]).filter(|s| *s > 0.0);
-            let seen = || difference_sigma(&self.measured[c], &self.segments, 4).filter(|s| *s > 0.0);
+            let stated = stated.filter(|_| self.loads.is_none());
+            let seen = || difference_sigma(&self.borne(c), &self.segments, 4).filter(|s| *s > 0.0);
             stated.or_else(seen).unwrap_or(drive.map_or(model.noise.strut_force, |i| model.noise.torque[i]))
         };
         (0..self.channels.len()).map(sigma).collect()
@@ -321,11 +344,11 @@ impl Dataset {
     pub fn noise_of_means(&self, model: &Model, block: usize) -> Vec<f64> {
         let inner = self.stride(SMOOTH).min(block);
         let segments = averaged_segments(std::slice::from_ref(self), inner);
-        let of = |(sigma, series): (f64, &Vec<f64>)| {
-            let seen = difference_sigma(&self.means(series, inner), &segments, 4).unwrap_or(0.0);
+        let of = |(c, sigma): (usize, f64)| {
+            let seen = difference_sigma(&self.means(&self.borne(c), inner), &segments, 4).unwrap_or(0.0);
             (sigma / (block as f64).sqrt()).max(seen * (inner as f64 / block as f64).sqrt())
         };
-        self.noise(model).into_iter().zip(&self.measured).map(of).collect()
+        self.noise(model).into_iter().enumerate().map(of).collect()
     }
 }
 

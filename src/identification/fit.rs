@@ -25,7 +25,7 @@ use super::normal_equations::{NormalEquations, UNIT_WEIGHTS};
 use super::prediction::is_local;
 use super::regularisation::GroupWeight;
 use super::{BaseParameter, Dataset, Residuals, check_together};
-use crate::dynamics::{Plant, PlantParameter, in_configuration};
+use crate::dynamics::{PlantParameter, in_configuration};
 use crate::effects::{Param, Role};
 use crate::evidence::Stop;
 use crate::machine::bodies::END_EFFECTOR;
@@ -179,7 +179,7 @@ pub fn fit_with(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options
 /// depends on all those before it.
 fn approached(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options: &Options) -> Option<Model> {
     let samples: usize = datasets.iter().map(Dataset::len).sum();
-    if samples < MANY_SAMPLES || !is_nonlinear(model) || !is_local(&Plant::new(model, &datasets[0].setup)) {
+    if samples < MANY_SAMPLES || !is_nonlinear(model) || !is_local(&datasets[0].plant(model)) {
         return None;
     }
     let pieces: Vec<Dataset> = datasets.iter().map(|dataset| dataset.sparse(PIECE.0, PIECE.1)).collect();
@@ -208,7 +208,7 @@ impl Regression<'_> {
 
     /// The estimated parameters with their values in `model`.
     fn estimated(&self, model: &Model) -> Vec<PlantParameter> {
-        let all = Plant::new(model, &self.datasets[0].setup).parameters();
+        let all = self.datasets[0].plant(model).parameters();
         self.free.iter().map(|&k| all[k].clone()).collect()
     }
 

@@ -77,9 +77,8 @@ impl NormalEquations {
             rows: Vec::new(),
             stride: stride_for(datasets.iter().map(Dataset::len).sum(), ROWS),
         };
-        let pass = |(dataset, sigma): (&Dataset, &Vec<f64>)| {
-            all.pass(&Plant::new(model, &dataset.setup), dataset, sigma, free, weight)
-        };
+        let pass =
+            |(dataset, sigma): (&Dataset, &Vec<f64>)| all.pass(&dataset.plant(model), dataset, sigma, free, weight);
         let residuals = datasets.iter().zip(sigma).map(pass).collect::<Result<Vec<Channels>, _>>()?;
         all.residuals = Arc::new(residuals.into());
         for b in all.blocks.iter().flatten() {

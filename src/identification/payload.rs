@@ -10,7 +10,6 @@ use std::sync::Arc;
 
 use super::fit::{Fit, FitError, Options, fit_with};
 use super::{Dataset, Estimate};
-use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, Part, payload};
 use crate::machine::{Inertia, Payload, Setup};
 use crate::model::Model;
@@ -49,14 +48,13 @@ pub fn identify_payload(
     noise: &[Vec<f64>],
     options: &Options,
 ) -> Result<PayloadFit, FitError> {
-    if let Some(dataset) = datasets.iter().find(|t| !Plant::new(model, &t.setup).has(Part::Linkage)) {
+    if let Some(dataset) = datasets.iter().find(|t| !t.plant(model).has(Part::Linkage)) {
         return Err(FitError::NoFlange { recording: dataset.name.clone() });
     }
     let stated = datasets.first().map_or_else(Payload::default, |t| t.setup.payload);
     let empty = |t: &Dataset| Dataset { setup: Setup { payload: Payload::default(), ..t.setup }, ..t.clone() };
     let datasets: Vec<Dataset> = datasets.iter().map(empty).collect();
-    let mut others: Vec<String> =
-        Plant::new(model, &datasets[0].setup).parameters().iter().map(|p| p.param.effect.into()).collect();
+    let mut others: Vec<String> = datasets[0].plant(model).parameters().iter().map(|p| p.param.effect.into()).collect();
     others.dedup();
     let around = |prior: &Payload| {
         let with = loaded(model, prior);

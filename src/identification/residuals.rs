@@ -3,7 +3,6 @@
 use super::fit::{FitError, kinematics};
 use super::prediction::{Channels, predict};
 use super::{Dataset, NoiseLevel};
-use crate::dynamics::Plant;
 use crate::model::Model;
 
 /// Residuals of a model along recordings.
@@ -46,7 +45,7 @@ impl Residuals {
     /// [`FitError::Kinematics`] if the inverse dynamics fail at a measured pose.
     pub fn new(model: &Model, datasets: &[Dataset]) -> Result<Self, FitError> {
         let one = |dataset: &Dataset| {
-            let predicted = predict(&Plant::new(model, &dataset.setup), dataset).map_err(kinematics(dataset))?;
+            let predicted = predict(&dataset.plant(model), dataset).map_err(kinematics(dataset))?;
             Ok(subtracted(dataset, &predicted))
         };
         datasets.iter().map(one).collect::<Result<Vec<_>, _>>().map(Self::from)

@@ -164,7 +164,7 @@ impl Thinned {
             _ => sign(STEEPNESS[c - 3], k),
         };
         let own = orthonormal(DMatrix::from_fn(n, 3 + STEEPNESS.len(), |k, c| column(c, k)));
-        let mut torque = DVector::from_iterator(n, dataset.measured[0].iter().step_by(stride).copied());
+        let mut torque = DVector::from_iterator(n, dataset.borne(0).iter().step_by(stride).copied());
         torque -= &own * own.tr_mul(&torque);
         let position = joints.iter().map(|j| j.q[0]).collect();
         let direction = (0..n).map(|k| sign(DIRECTION, k)).collect();

@@ -5,6 +5,7 @@
 pub mod bodies;
 pub mod check;
 mod geometry;
+mod load;
 mod mechanism;
 mod payload;
 mod setup;
@@ -14,6 +15,7 @@ pub mod unit;
 
 pub use bodies::{Bodies, Inertia};
 pub use geometry::{Actuator, Geometry};
+pub use load::{FREE_FALL, Load};
 pub use mechanism::{Axis, Effort, Joint, Mechanism, Part};
 pub use payload::Payload;
 pub use setup::{Configuration, Setup};

@@ -1,6 +1,6 @@
 //! Configuration and payload of the machine during a run.
 
-use super::{AXES, Payload};
+use super::{AXES, Load, Payload};
 
 /// Known conditions of a run besides its signals.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -9,6 +9,8 @@ pub struct Setup {
     pub configuration: Configuration,
     /// Payload at the flange.
     pub payload: Payload,
+    /// Known load of a single axis, where none was measured.
+    pub load: Load,
     /// Standard deviation of the torque noise per axis, N·m; zero for an axis without a known value.
     pub torque_noise: Option<[f64; AXES]>,
 }

@@ -94,7 +94,7 @@ impl<'a> Machine<'a> {
             };
             let mut loads = None;
             if self.plant.effects.iter().any(reads_loads) {
-                let rigid = rigid_loads(self.plant, &here, Detail::Complete);
+                let rigid = rigid_loads(self.plant, 0.0, &here, Detail::Complete);
                 for _ in 0..LOAD_ITERATIONS {
                     let wrenches = laws(&here, loads.as_ref(), rigid)?;
                     loads = Some(solver.complete.solve(&Loads::new(&here, &wrenches, Detail::Complete)));
@@ -158,12 +158,12 @@ impl Solver {
 
     /// Torques and constraint forces due to inertia and weight alone.
     fn rigid(&self, plant: &Plant, motion: &Motion) -> [f64; LOADS] {
-        let wrenches = rigid_loads(plant, motion, Detail::Complete);
+        let wrenches = rigid_loads(plant, 0.0, motion, Detail::Complete);
         let complete = self.complete.solve(&Loads::new(motion, &wrenches, Detail::Complete));
         match &self.reduced {
             None => join(&complete, &complete),
             Some(statics) => {
-                let wrenches = rigid_loads(plant, motion, Detail::Reduced);
+                let wrenches = rigid_loads(plant, 0.0, motion, Detail::Reduced);
                 join(&complete, &statics.solve(&Loads::new(motion, &wrenches, Detail::Reduced)))
             }
         }

@@ -21,7 +21,7 @@ pub enum Channel {
     LinkAngle(usize),
     /// Link-side rate of an elastic gear, rad/s.
     LinkRate(usize),
-    /// What loads a single axis at its output, positive along positive motion, N·m (N).
+    /// What loads a single axis at its output, positive against positive motion, N·m (N).
     Load(usize),
     /// Axial force at the elbow end of a strut, tension positive, N.
     StrutUpper(usize),

@@ -192,6 +192,8 @@ pub struct Sensors {
     pub multipliers: bool,
     /// Link-side angles and rates of elastic gears.
     pub links: bool,
+    /// Load of a single axis.
+    pub load: bool,
 }
 
 impl Default for Sensors {
@@ -207,6 +209,7 @@ impl Default for Sensors {
             sockets: false,
             multipliers: false,
             links: false,
+            load: false,
         }
     }
 }

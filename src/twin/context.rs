@@ -170,7 +170,7 @@ pub(super) struct Scratch {
     pub fault: Option<KinematicsError>,
     /// Power of each effect, W.
     powers: Vec<f64>,
-    /// Power of the restraint of the spins and of the brakes, W.
+    /// Power of the restraint of the spins, of the brakes and of known loads, W.
     restraint_power: f64,
     /// Joints beyond their hard stops at the last evaluation.
     pub hits: [Option<Hit>; STOPS],
@@ -242,6 +242,7 @@ impl Context {
         scratch.fault = scratch.fault.take().or_else(|| self.forces.fault(&at, powers));
         scratch.motors.torque = scratch.resting;
         scratch.restraint_power = self.forces.add_brakes(motion, wrenches);
+        scratch.restraint_power += self.plant.add_loads(t, motion, wrenches);
         scratch.hits = stops::hits(&self.plant, motion);
         scratch.stop_power = stops::add(&self.plant, motion, &scratch.hits, wrenches);
         for s in 0..STRUTS {

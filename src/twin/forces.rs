@@ -199,17 +199,8 @@ impl Forces {
 
     fn instant<'a>(&self, k: usize, at: &Evaluation<'a>) -> Instant<'a> {
         let Evaluation { plant, scene, motion, reactions } = *at;
-        Instant {
-            t: scene.t,
-            motion,
-            bodies: &plant.bodies,
-            payload: &plant.payload,
-            gravity: plant.gravity,
-            reactions,
-            state: &scene.own[self.starts[k]..self.starts[k + 1]],
-            torque: scene.torque,
-            closed: scene.closed,
-        }
+        let state = &scene.own[self.starts[k]..self.starts[k + 1]];
+        Instant { reactions, torque: scene.torque, closed: scene.closed, ..plant.instant(scene.t, motion, state) }
     }
 
     /// Adds the wrenches of the effects that depend on the solution (`reading`), or of those that do not, and stores

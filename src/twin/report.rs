@@ -253,6 +253,12 @@ pub enum SimulationError {
         /// Name of the body.
         body: String,
     },
+    /// The load is not one that the machine can have.
+    #[error("{what}")]
+    Load {
+        /// Why, and what was expected.
+        what: &'static str,
+    },
     /// The run requires parts that the machine does not have.
     #[error("{what} need struts and platform, which this machine does not have")]
     Missing {

@@ -24,6 +24,8 @@ pub(super) struct Reading<'a> {
     pub snapshot: &'a Snapshot,
     /// Remaining force margins of the sockets, N.
     pub margins: &'a [f64; SOCKETS],
+    /// Load of a single axis, N·m or N.
+    pub load: f64,
     /// Multipliers of the constraint rows, if they are recorded.
     pub multipliers: Option<[f64; ROWS]>,
 }
@@ -81,7 +83,8 @@ impl<'a> Sensors<'a> {
             Channel::SocketMargin(_) => fitted.sockets,
             Channel::Multiplier(_) => fitted.multipliers,
             Channel::LinkAngle(_) | Channel::LinkRate(_) => fitted.links,
-            Channel::Load(_) | Channel::FlangeForce(_) => false,
+            Channel::Load(axis) => fitted.load && axis == 0 && model.mechanism.axes() == 1,
+            Channel::FlangeForce(_) => false,
         };
         all.filter(is_fitted).for_each(|channel| signals.set(channel, Vec::new()));
         signals
@@ -89,7 +92,7 @@ impl<'a> Sensors<'a> {
 
     /// Appends one sample, without noise.
     pub fn record(&self, signals: &mut Signals, t: f64, reading: &Reading) {
-        let Reading { q, tau, snapshot, margins, multipliers } = reading;
+        let Reading { q, tau, snapshot, margins, load, multipliers } = reading;
         signals.t.push(t);
         for (channel, values) in signals.series_mut() {
             values.push(match channel {
@@ -104,7 +107,8 @@ impl<'a> Sensors<'a> {
                 Channel::EndEffector(k) => snapshot.motion.bodies[PLATFORM].position[k],
                 Channel::SocketMargin(s) => margins[s],
                 Channel::Multiplier(row) => multipliers.map_or(0.0, |lambda| lambda[row]),
-                Channel::Load(_) | Channel::FlangeForce(_) => 0.0,
+                Channel::Load(_) => *load,
+                Channel::FlangeForce(_) => 0.0,
             });
         }
     }

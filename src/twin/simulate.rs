@@ -222,7 +222,8 @@ impl<'a> Run<'a> {
         } else {
             None
         };
-        let reading = Reading { q: encoders, tau, snapshot: &snapshot, margins: &margins, multipliers };
+        let load = self.twin.plant().known_load(t).unwrap_or(0.0);
+        let reading = Reading { q: encoders, tau, snapshot: &snapshot, margins: &margins, load, multipliers };
         self.sensors.record(&mut self.signals, t, &reading);
         if k.is_multiple_of(self.options.control_period) {
             self.control(t, &encoders, &tau)?;

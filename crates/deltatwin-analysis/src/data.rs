@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use deltatwin::dynamics::Plant;
 use deltatwin::gate::{Finding, Problem, inspect};
 use deltatwin::identification::bandwidth::{bandwidth, narrow};
 use deltatwin::identification::derivatives::Method;
@@ -155,7 +154,7 @@ impl Data {
     /// # Errors
     /// The first name that `model` lacks there, with those it has.
     pub fn check_held(&self, held: &[String], model: &Model) -> miette::Result<()> {
-        let parameters = Plant::new(model, &self.datasets[0].setup).parameters();
+        let parameters = self.datasets[0].plant(model).parameters();
         let mut own: Vec<&str> = parameters.iter().map(|p| p.param.effect).collect();
         own.dedup();
         let Some(name) = held.iter().find(|name| !own.contains(&name.as_str())) else { return Ok(()) };

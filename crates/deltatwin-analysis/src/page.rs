@@ -6,7 +6,6 @@ use crate::identify::Identification;
 use crate::run::Analysis;
 use deltatwin::comparison::Comparison;
 use deltatwin::diagnosis::{Addition, Diagnosis, Verdict};
-use deltatwin::dynamics::Plant;
 use deltatwin::gate::Finding;
 use deltatwin::identification::{Dataset, Estimate, FitError};
 use deltatwin::model::Model;
@@ -323,7 +322,7 @@ pub fn diagnosed(page: &mut Report, d: &Diagnosis) {
 /// Adds the parameters of `stages` with error bars beside the values of `model`.
 pub fn parameter_table(page: &mut Report, model: &Model, data: &Data, stages: &[(&str, &[Estimate])]) {
     let Some(dataset) = data.datasets.first() else { return };
-    parameters::add(page, &Plant::new(model, &dataset.setup).parameters(), stages);
+    parameters::add(page, &dataset.plant(model).parameters(), stages);
 }
 
 /// Adds the error budget of the found effects.

@@ -4,6 +4,7 @@ mod excerpt;
 pub mod exchange;
 pub mod file;
 pub mod kind;
+mod load;
 pub mod model;
 pub mod outside;
 pub mod plan;

@@ -52,7 +52,7 @@ impl Replay<'_> {
     /// # Errors
     /// If the prediction or the kinematics fail, or the file cannot be written.
     pub fn write(&self, path: &Path) -> miette::Result<()> {
-        let (plant, assets) = (Plant::new(self.model, &self.recording.setup), Assets::of(self.model, self.access)?);
+        let (plant, assets) = (Plant::along(self.model, self.recording), Assets::of(self.model, self.access)?);
         write_rrd(path, &self.recording.name, &self.scene(&plant, &assets)?).into_diagnostic()
     }
 
@@ -62,7 +62,7 @@ impl Replay<'_> {
     /// # Errors
     /// If the prediction or the kinematics fail, or the viewer does not answer.
     pub fn stream(&self, viewer: &Viewer, pace: Option<f64>, goes_on: &dyn Fn() -> bool) -> miette::Result<()> {
-        let (plant, assets) = (Plant::new(self.model, &self.recording.setup), Assets::of(self.model, self.access)?);
+        let (plant, assets) = (Plant::along(self.model, self.recording), Assets::of(self.model, self.access)?);
         let scene = self.scene(&plant, &assets)?;
         let (Some(&first), Some(&last)) = (scene.times.first(), scene.times.last()) else {
             return Err(miette!("{}: has no frames", self.recording.name));
@@ -133,7 +133,7 @@ impl Replay<'_> {
             (0..frames.len()).map(|f| std::array::from_fn(|i| means.get(i).map_or(0.0, |mean| mean[f]))).collect()
         };
         let joints: Vec<JointState> = frames.iter().map(|&k| dataset.joints[k]).collect();
-        let beside = self.beside.map(|model| Plant::new(model, &self.recording.setup)).zip(after);
+        let beside = self.beside.map(|model| Plant::along(model, self.recording)).zip(after);
         let ghosts = Ghosts::of(plant, &times, &joints, &rows(&before))?;
         let after = beside.map(|(later, means)| {
             let ghost = ghosts.beside(&later, &rows(&means))?;
@@ -265,7 +265,7 @@ mod tests {
         let signals = Signals::of_drives(model.mechanism, t, &[[0.3, 0.4, 0.5, 0.2]; 2_500], &[[0.0; AXES]; 2_500]);
         let setup = Setup { torque_noise: Some([0.1; AXES]), ..Setup::default() };
         let mut recording = Recording { signals, setup, ..Recording::default() };
-        let plant = Plant::new(&model, &recording.setup);
+        let plant = Plant::along(&model, &recording);
         let predicted = predict(&plant, &Dataset::new(&recording)).unwrap();
         let off = [0.5, 0.0, -0.2, 0.0];
         for (tau, (predicted, off)) in recording.signals.torques_mut().zip(predicted.iter().zip(off)) {

@@ -11,7 +11,7 @@ use crate::effects::{ActiveEffect, Instant};
 use crate::identification::fit::{FitError, kinematics};
 use crate::identification::prediction::Channels;
 use crate::identification::{Dataset, Residuals, columns};
-use crate::kinematics::{KinematicsError, SocketSet};
+use crate::kinematics::KinematicsError;
 use crate::machine::Mechanism;
 use crate::model::Model;
 
@@ -46,7 +46,7 @@ impl Sight {
     pub fn new(model: &Model, datasets: &[Dataset], residuals: &Residuals, fixed: &[String]) -> Result<Self, FitError> {
         let mut sight = Self::default();
         for (number, (dataset, full)) in datasets.iter().zip(&residuals.series).enumerate() {
-            sight.add(&Plant::new(model, &dataset.setup), (number, dataset), full, (&dataset.noise(model), fixed))?;
+            sight.add(&dataset.plant(model), (number, dataset), full, (&dataset.noise(model), fixed))?;
         }
         Ok(sight)
     }
@@ -137,17 +137,7 @@ fn variables(plant: &Plant, dataset: &Dataset) -> Result<Channels, KinematicsErr
     let at = |k: usize| {
         let (t, motion) = (dataset.t[k], plant.motion(&dataset.joints[k])?);
         let loads = steady_inverse_dynamics(plant, t, &motion, true)?;
-        let at = Instant {
-            t,
-            motion: &motion,
-            bodies: &plant.bodies,
-            payload: &plant.payload,
-            gravity: plant.gravity,
-            reactions: &loads.reactions,
-            state: &[],
-            torque: loads.tau,
-            closed: SocketSet::ALL,
-        };
+        let at = Instant { reactions: &loads.reactions, torque: loads.tau, ..plant.instant(t, &motion, &[]) };
         Ok(all.iter().map(|variable| variable.read(&at)).collect())
     };
     let rows: Vec<Vec<f64>> = (0..dataset.len()).into_par_iter().map(at).collect::<Result<_, KinematicsError>>()?;

@@ -27,8 +27,17 @@ pub struct Instant<'a> {
     /// Drive torques at the gear output, N·m. Zero in inverse dynamics, unless the effect declares in `Reads` that it
     /// depends on them.
     pub torque: [f64; AXES],
+    /// Load of a single axis that is known, measured or stated, against positive motion, N·m or N.
+    pub load: Option<f64>,
     /// Ball sockets that are closed.
     pub closed: SocketSet,
+}
+
+impl Instant<'_> {
+    /// What the gear of a drive transmits, N·m: the known load, else the drive torque.
+    pub fn transmitted(&self, axis: usize) -> f64 {
+        self.load.unwrap_or(self.torque[axis])
+    }
 }
 
 /// Sink for wrenches per unit of each parameter: force and moment about the body's origin, inertial axes.

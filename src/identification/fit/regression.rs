@@ -84,13 +84,13 @@ impl<'a> Regression<'a> {
 
     /// Present values of the estimated parameters in `model`.
     pub fn values(&self, model: &Model) -> DVector<f64> {
-        let parameters = Plant::new(model, &self.datasets[0].setup).parameters();
+        let parameters = self.datasets[0].plant(model).parameters();
         DVector::from_iterator(self.free.len(), self.free.iter().map(|&k| parameters[k].value))
     }
 
     /// Sets the values of the estimated parameters in `model`.
     pub fn set(&self, model: &mut Model, values: &DVector<f64>) {
-        let mut all: Vec<f64> = Plant::new(model, &self.datasets[0].setup).parameters().values();
+        let mut all: Vec<f64> = self.datasets[0].plant(model).parameters().values();
         for (i, &k) in self.free.iter().enumerate() {
             all[k] = values[i];
         }

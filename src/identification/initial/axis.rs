@@ -28,6 +28,10 @@ use crate::text::significant;
 const GRAVITY: (f64, f64, f64) = (5.0, 0.02, 0.3);
 /// Standard errors beyond which a constant torque is mentioned.
 const OFFSET: f64 = 5.0;
+/// Standard errors, and amount, by which the share of a known load must differ from 1.
+const SCALE: (f64, f64) = (4.0, 0.01);
+/// Shares of a known load that a gain of the torque can express.
+const GAINS: (f64, f64) = (0.1, 10.0);
 /// Share of the torque that friction and inertia leave from which the residual is mentioned.
 const LEFT: f64 = 0.2;
 /// Largest position that a model file admits, rad or m.
@@ -215,7 +219,20 @@ impl Own<'_> {
             .and_then(|a| a.entries().iter().find(|e| e.parameter.role == Role::Fixed).map(|e| e.parameter.default));
         let usual = usual.ok_or(InitialError::NoMotion)?;
         let seen = steepness(self.datasets, self.mechanism, usual, drive.max_speed);
-        let series = Series::of(self.datasets, seen.unwrap_or(usual));
+        let mut series = Series::of(self.datasets, seen.unwrap_or(usual));
+        let scale = self.scale(&series, remarks);
+        let mut drive = drive;
+        match scale {
+            Some(scale) if !(GAINS.0..GAINS.1).contains(&scale) => {
+                return Err(InitialError::Scale { scale, factor: rounded_to(1.0 / scale, 4) });
+            }
+            // In the unit of the load.
+            Some(scale) => {
+                drive.max_torque = rounded_up(drive.max_torque / scale, 3);
+                series.torque.iter_mut().for_each(|torque| *torque /= scale);
+            }
+            None => series = series.unloaded(),
+        }
         let plain = Fit::of(&series, false).ok_or(InitialError::NoMotion)?;
         let with = self.gravity(&series, &plain);
         let fit = with.as_ref().unwrap_or(&plain);
@@ -248,8 +265,34 @@ impl Own<'_> {
         {
             effects.push(values);
         }
+        if let Some(gain) = scale.and_then(|scale| filled("torque_gain_error", host, &[("gain", scale - 1.0)])) {
+            effects.push(gain);
+        }
         self.left(fit, &series, remarks);
         Ok((drive, Law { inertia, effects }))
+    }
+
+    /// Recorded torque per torque in the unit of the known load; `None` unless a load varies and shows it to be other than 1.
+    fn scale(&mut self, series: &Series, remarks: &mut Vec<String>) -> Option<f64> {
+        let fit = Fit::of(series, self.mechanism.joint() == Joint::Revolute).or_else(|| Fit::of(series, false))?;
+        let (scale, std) = fit.coefficient(Some(fit.load?));
+        let is_other = (scale - 1.0).abs() > SCALE.0 * std && (scale - 1.0).abs() > SCALE.1;
+        if !is_other || scale <= SCALE.0 * std {
+            return None;
+        }
+        let scale = rounded_to(scale, 4);
+        remarks.push(format!(
+            "The recorded torque is {scale} ± {std:.1e} times the load: the model is in the load's unit, with a gain of the \
+             torque; `--map \"tau1=tau1/{scale}\"` states it once and for all."
+        ));
+        self.estimate(
+            "effects.torque_gain_error",
+            "gain",
+            (vec![rounded_to(scale - 1.0, 4)], vec![rounded_to(std, 2)]),
+            Unit::One,
+            "linear regression on the known load",
+        );
+        Some(scale)
     }
 
     /// The inertia of the model: the estimate, or its standard error if the motion does not show it.

@@ -3,7 +3,6 @@
 use super::{
     BEYOND, Initial, InitialError, MARGIN, Number, PERIOD, encoder_bits, encoder_step, rounded_up, sample_time, widened,
 };
-use crate::dynamics::Plant;
 use crate::effects::{Unit, smooth_sign};
 use crate::evidence::noise::{correlation_time, difference_sigma};
 use crate::identification::least_squares::least_squares;
@@ -204,7 +203,7 @@ impl Own<'_> {
             .iter()
             .map(|d| {
                 let few = d.averaged(d.stride(PERIOD));
-                let series = predict(&Plant::new(without, &few.setup), &few).ok()?;
+                let series = predict(&few.plant(without), &few).ok()?;
                 Some((few, series))
             })
             .collect::<Option<_>>()?;

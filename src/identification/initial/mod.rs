@@ -60,6 +60,17 @@ pub enum InitialError {
     /// The motion does not distinguish inertia and friction.
     #[error("the recordings do not determine inertia and friction; expected a motion to and fro of at least 5 s")]
     NoMotion,
+    /// The torque has another unit than the known load.
+    #[error(
+        "the recorded torque is {scale} times the load; expected both in one unit: \
+         --map \"tau1=tau1*{factor}\" if the load is right"
+    )]
+    Scale {
+        /// Recorded torque per load.
+        scale: f64,
+        /// Its reciprocal.
+        factor: f64,
+    },
     /// The template is the model of another machine.
     #[error(
         "the template `{template}` has {expected} axes, the recording {found}; expected a template of the same machine"

@@ -27,6 +27,9 @@ impl<'a> Run<'a> {
         desired: &'a dyn Fn(f64) -> Target,
         options: &'a Options,
     ) -> Result<Self, SimulationError> {
+        if let Some(what) = setup.load.misfit(model.mechanism) {
+            return Err(SimulationError::Load { what });
+        }
         let plant = Plant::new(model, setup);
         let trajectory = |reason| SimulationError::Trajectory { t: 0.0, reason };
         if !plant.assembled {

@@ -21,7 +21,7 @@ pub use recorder::{Head, Recorder, clear_partial};
 use std::path::Path;
 
 use deltatwin::machine::Mechanism;
-use deltatwin::recording::{Contacts, Context, Recording};
+use deltatwin::recording::{Channel, Contacts, Context, Recording};
 
 use self::setup::Sidecar;
 use crate::file::{self, WriteError};
@@ -96,6 +96,14 @@ pub fn read_as(path: &Path, how: &Reading) -> Result<(Recording, Vec<String>), R
     if how.joint.is_some() {
         // Noise is stated for all axes of the machine that the joint is taken from.
         setup.torque_noise = None;
+    }
+    if let Some(misfit) = setup.load.misfit(signals.mechanism) {
+        let from = how.setup.map_or(beside, Path::to_path_buf);
+        let (problem, expected) = misfit.split_once("; expected ").unwrap_or((misfit, "another load"));
+        return Err(ReadError::content(&from, problem, expected));
+    }
+    if !setup.load.is_none() && signals.get(Channel::Load(0)).is_some() {
+        warnings.push("`[load]` ignored: the load was measured (`load1`)".into());
     }
     let recording =
         Recording { name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(), signals, setup };

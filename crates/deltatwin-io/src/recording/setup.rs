@@ -11,6 +11,7 @@ use toml::Spanned;
 
 use super::{Mapping, ReadError};
 use crate::file::{self, WriteError};
+use crate::load;
 use crate::source::{Checked, Interval, Source};
 
 /// Path of the sidecar of the recording `path`.
@@ -23,6 +24,7 @@ pub fn sidecar(path: &Path) -> PathBuf {
 struct Document {
     configuration: State,
     payload: Load,
+    load: load::Keys,
     noise: Noise,
     joint: Option<Spanned<String>>,
     arms: Option<Spanned<String>>,
@@ -74,6 +76,7 @@ impl Default for Document {
         Self {
             configuration: State::Assembled,
             payload: Load::default(),
+            load: load::Keys::default(),
             noise: Noise::default(),
             joint: None,
             arms: None,
@@ -131,6 +134,7 @@ impl Sidecar {
                 State::Disassembled => Configuration::Disassembled,
             },
             payload: payload(&source, &document.payload)?,
+            load: load::read(&source, &document.load)?,
             torque_noise: torque_noise(&source, &document.noise)?,
         };
         let mut columns = Mapping::default();
@@ -208,6 +212,7 @@ pub fn to_toml(setup: &Setup) -> String {
         Configuration::Disassembled => "disassembled",
     };
     let mut text = format!("configuration = \"{configuration}\"\n\n{}", payload_to_toml(&setup.payload));
+    text += &load::to_toml(&setup.load);
     if let Some(sigma) = setup.torque_noise {
         text += &format!("\n[noise]\ntorque = {sigma:?} # N·m, standard deviation\n");
     }
@@ -285,11 +290,15 @@ mod tests {
             configuration: Configuration::Disassembled,
             payload: Payload::new(1.0 / 3.0, [1e-7, -0.02, 0.1], 0.004),
             torque_noise: Some([0.4, 0.4, 0.4, 0.05]),
+            ..Setup::default()
         };
         assert_eq!(from_toml(&to_toml(&setup), "x").unwrap(), setup);
         let box_ = Payload::cuboid(6.0, [0.4, 0.3, 0.2], [0.1, 0.0, 0.1]);
         let carrying = Setup { payload: box_, ..Setup::default() };
         assert_eq!(from_toml(&to_toml(&carrying), "x").unwrap(), carrying);
+        let load = deltatwin::machine::Load { mass: 5.0, radius: Some(0.04), force: -3.0, torque: 1e-7 };
+        let loaded = Setup { load, ..Setup::default() };
+        assert_eq!(from_toml(&to_toml(&loaded), "x").unwrap(), loaded);
         assert_eq!(from_toml("", "x").unwrap(), Setup::default());
         assert_eq!(from_toml("[payload]\nmass = 2", "x").unwrap().payload.mass, 2.0);
     }

@@ -15,6 +15,7 @@ use toml::Spanned;
 
 use crate::file;
 use crate::kind::Kind;
+use crate::load;
 use crate::outside::Access;
 use crate::source::{Checked, Interval, Problem, Source};
 
@@ -75,6 +76,8 @@ struct Document {
     formulation: Option<Spanned<String>>,
     gains: Option<machine::GainKeys>,
     payload: Option<cell::LoadKeys>,
+    #[serde(default)]
+    load: load::Keys,
     believed_payload: Option<cell::LoadKeys>,
     #[serde(default)]
     objects: Vec<cell::ObjectKeys>,
@@ -169,7 +172,7 @@ pub fn parse_with(text: &str, path: &Path, access: Access) -> Result<Scenario> {
         },
         gains: document.gains.as_ref().map_or(Ok(Default::default()), |keys| machine::gains(file, keys))?,
         motion,
-        setup: Setup { payload, ..Setup::default() },
+        setup: Setup { payload, load: load::read(file, &document.load)?, ..Setup::default() },
         believed_payload: believed_payload.map(|(payload, _)| payload),
         drag_factor,
         payload_shape,

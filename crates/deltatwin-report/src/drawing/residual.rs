@@ -1,6 +1,5 @@
 //! Figures of what models leave of a recording: over time, over the motion, and as spectra.
 
-use deltatwin::dynamics::Plant;
 use deltatwin::identification::{Dataset, FitError, Residuals, predict};
 use deltatwin::model::Model;
 use deltatwin::recording::Channel;
@@ -33,8 +32,8 @@ pub fn figures(stages: &[Stage], dataset: &Dataset, noise: &[f64]) -> Result<Vec
     for stage in stages {
         left.push(Residuals::new(stage.model, std::slice::from_ref(dataset))?);
     }
-    let predicted = predict(&Plant::new(last.model, &dataset.setup), dataset)
-        .map_err(deltatwin::identification::fit::kinematics(dataset))?;
+    let predicted =
+        predict(&dataset.plant(last.model), dataset).map_err(deltatwin::identification::fit::kinematics(dataset))?;
     let series = |stage: usize, channel: usize| left[stage].series[0][channel].clone();
     let drawn = Drawn { stages, dataset, noise };
     let mut figures =

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use deltatwin::dynamics::{Plant, PlantParameter};
+use deltatwin::dynamics::PlantParameter;
 use deltatwin::effects::Role;
 use deltatwin::identification::base_parameters::independent;
 use deltatwin::identification::{Dataset, columns};
@@ -39,7 +39,7 @@ impl Stack {
     /// # Errors
     /// If a pose is impossible for the model's geometry or a law gives no finite value.
     pub fn new(model: &Model, dataset: &Dataset) -> Result<Self, KinematicsError> {
-        let plant = Plant::new(model, &dataset.setup);
+        let plant = dataset.plant(model);
         let all = columns(&plant, dataset, None)?;
         let (parameters, columns) = plant
             .parameters()

@@ -6,7 +6,6 @@ use super::assembled::Assembled;
 use super::page::{Comparison, Estimate, Plot, Row, Section};
 use super::runs::Campaign;
 use super::{paper, robot};
-use deltatwin::dynamics::Plant;
 use deltatwin::identification::residuals::{self, difference};
 use deltatwin::identification::{Dataset, predict};
 use deltatwin::model::Model;
@@ -27,7 +26,7 @@ pub fn section(campaign: &Campaign, assembled: &Assembled) -> miette::Result<Sec
     };
     let measured = &dataset.measured[place];
     let compute = |model: &Model| -> miette::Result<Vec<f64>> {
-        Ok(predict(&Plant::new(model, &dataset.setup), &dataset).into_diagnostic()?.remove(place))
+        Ok(predict(&dataset.plant(model), &dataset).into_diagnostic()?.remove(place))
     };
     let variants = [
         (

@@ -8,7 +8,6 @@ use super::least_squares::Stack;
 use super::page::{Comparison, Estimate, Plot, Row, Section};
 use super::paper;
 use super::runs::{Campaign, Run};
-use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::{Dataset, Residuals, predict};
 use deltatwin::machine::{ARMS, AXES, STRUTS};
@@ -55,7 +54,7 @@ pub fn torque(campaign: &Campaign, assembled: &Assembled, sigma: &[f64; AXES]) -
     let with = base(&assembled.prior, &campaign.assembled, sigma)?;
     let free = base(&assembled.prior, &campaign.assembled_free, sigma)?;
     let dataset = torques(check);
-    let computed = predict(&Plant::new(&assembled.paper.model, &dataset.setup), &dataset).into_diagnostic()?;
+    let computed = predict(&dataset.plant(&assembled.paper.model), &dataset).into_diagnostic()?;
     let consistent = Residuals::of(&dataset, &computed).rms;
     let consistent_free = rms(&assembled.free.model, &campaign.assembled_free[1])?;
     let complete = rms(&assembled.complete.model, check)?;
@@ -123,7 +122,7 @@ pub fn torque(campaign: &Campaign, assembled: &Assembled, sigma: &[f64; AXES]) -
 /// If a pose of a recording is impossible for the model's geometry.
 pub fn strut_forces(campaign: &Campaign, assembled: &Assembled) -> miette::Result<Section> {
     let dataset = Dataset::new(&campaign.assembled[1].recording);
-    let compute = |model: &Model| predict(&Plant::new(model, &dataset.setup), &dataset).into_diagnostic();
+    let compute = |model: &Model| predict(&dataset.plant(model), &dataset).into_diagnostic();
     let (ours, complete) = (compute(&assembled.paper.model)?, compute(&assembled.complete.model)?);
     let channels: Vec<(usize, usize)> = (0..STRUTS)
         .filter_map(|s| Some((s, dataset.channels.iter().position(|c| *c == Channel::StrutLower(s))?)))

@@ -17,6 +17,9 @@ const TRANSITION: [f64; 2] = [5e-4, 0.2];
 const GRID: usize = 16;
 /// Twice the logarithm of the likelihood ratio from which a steepness is better than the usual one.
 const CLEARER: f64 = 10.0;
+/// Standard deviation of a load, relative to its largest value, from which it varies.
+const VARIES: f64 = 0.02;
+
 /// Series of one regression over several recordings.
 pub(super) struct Series {
     pub rate: Vec<f64>,
@@ -24,7 +27,10 @@ pub(super) struct Series {
     pub sign: Vec<f64>,
     pub acceleration: Vec<f64>,
     pub angle: Vec<f64>,
+    /// Torque, without what accelerates a load that the setup states.
     pub torque: Vec<f64>,
+    /// Known load against positive motion; empty without one.
+    pub load: Vec<f64>,
     /// Index of the recording of each sample.
     pub recording: Vec<usize>,
     /// Lengths of the segments.
@@ -40,6 +46,7 @@ impl Series {
             acceleration: Vec::new(),
             angle: Vec::new(),
             torque: Vec::new(),
+            load: Vec::new(),
             recording: Vec::new(),
             segments: Vec::new(),
         };
@@ -50,11 +57,31 @@ impl Series {
             out.rate.extend(means(&|k| d.joints[k].qd[0]));
             out.sign.extend(means(&|k| smooth_sign(d.joints[k].qd[0], steepness)));
             out.acceleration.extend(means(&|k| d.joints[k].qdd[0]));
-            out.torque.extend(means(&|k| d.measured[0][k]));
+            let (stated, measured) = (d.setup.load, d.loads.as_ref());
+            let inertia = if measured.is_some() { 0.0 } else { stated.inertia() };
+            out.torque.extend(means(&|k| d.measured[0][k] - inertia * d.joints[k].qdd[0]));
+            let load = |k: usize| measured.and_then(|m| m.of_axis(d.t[k])).unwrap_or(stated.at_rest());
+            out.load.extend(means(&load));
             out.recording.resize(out.angle.len(), r);
             out.segments.extend(d.segments.iter().map(|s| s.len() / block).filter(|n| *n > 0));
         }
+        if out.load.iter().all(|load| *load == 0.0) {
+            out.load.clear();
+        }
         out
+    }
+
+    /// Whether the load varies, so that the torque shows its share of it.
+    pub fn shows_scale(&self) -> bool {
+        let size = self.load.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+        !self.load.is_empty() && deviation(&self.load) > VARIES * size
+    }
+
+    /// The series with the load taken away from the torque.
+    pub fn unloaded(mut self) -> Self {
+        self.torque.iter_mut().zip(&self.load).for_each(|(torque, load)| *torque -= load);
+        self.load.clear();
+        self
     }
 }
 
@@ -90,7 +117,10 @@ pub(super) struct Fit {
     pub least: LeastSquares,
     /// Indices of the coefficients of Coulomb and viscous friction; `None` without the term.
     pub friction: [Option<usize>; 2],
-    /// Index of the constant of each recording; `None` where the axis does not reverse, which is then Coulomb friction.
+    /// Index of the coefficient of the known load; `None` if it does not vary.
+    pub load: Option<usize>,
+    /// Index of the constant of each recording, the same for all where a varying load is known; `None` where the axis does
+    /// not reverse, which is then Coulomb friction.
     pub constants: Vec<Option<usize>>,
     /// Index of the first coefficient of sin q; that of cos q follows, per recording.
     pub sines: Option<usize>,
@@ -131,9 +161,20 @@ impl Fit {
             let own = || series.recording.iter().zip(&series.rate).filter(move |(of, _)| **of == r);
             own().any(|(_, rate)| *rate > 0.0) && own().any(|(_, rate)| *rate < 0.0)
         };
+        let load = series.shows_scale().then(|| {
+            features.push(series.load.clone());
+            features.len() - 1
+        });
+        let mut common = None;
         let constants: Vec<Option<usize>> = (0..count)
             .map(|r| {
                 (reverses(r) || friction[0].is_none()).then(|| {
+                    if load.is_some() {
+                        return *common.get_or_insert_with(|| {
+                            features.push(vec![1.0; series.recording.len()]);
+                            features.len() - 1
+                        });
+                    }
                     features.push(on(r, &|_| 1.0));
                     features.len() - 1
                 })
@@ -161,6 +202,7 @@ impl Fit {
         (moves && least.beta.iter().all(|b| b.is_finite())).then_some(Self {
             least,
             friction,
+            load,
             constants,
             sines,
             inflation,

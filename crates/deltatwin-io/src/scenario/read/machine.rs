@@ -114,14 +114,21 @@ pub(super) fn sensors(file: &Source, keys: &SensorKeys) -> Checked<Sensors> {
         ..Sensors::default()
     };
     let Some(record) = &keys.record else { return Ok(out) };
-    let mut kept = [false; 6];
+    let mut kept = [false; 7];
     for name in record {
-        let choices =
-            [("ee", 0), ("velocity", 1), ("acceleration", 2), ("sockets", 3), ("multipliers", 4), ("links", 5)];
+        let choices = [
+            ("ee", 0),
+            ("velocity", 1),
+            ("acceleration", 2),
+            ("sockets", 3),
+            ("multipliers", 4),
+            ("links", 5),
+            ("load", 6),
+        ];
         let i = file.choice("sensors.record", name, &choices)?;
         once(file, "sensors.record", &mut kept[i], name, "channel")?;
     }
-    [out.ee, out.velocity, out.acceleration, out.sockets, out.multipliers, out.links] = kept;
+    [out.ee, out.velocity, out.acceleration, out.sockets, out.multipliers, out.links, out.load] = kept;
     Ok(out)
 }
 

@@ -1,6 +1,5 @@
 //! Residuals over the workspace: RMS in cells seen from above and from the side.
 
-use deltatwin::dynamics::Plant;
 use deltatwin::identification::Dataset;
 use deltatwin::model::Model;
 use serde_json::{Value, json};
@@ -15,7 +14,7 @@ const FEW: u32 = 10;
 /// RMS residuals in noise floors per cell of the x-y and the x-z plane, for every channel and stage and, first, for the
 /// root mean square over all channels; null for a machine without platform.
 pub fn of(model: &Model, dataset: &Dataset, left: &[Vec<Vec<f64>>], noise: &[f64]) -> Value {
-    let plant = Plant::new(model, &dataset.setup);
+    let plant = dataset.plant(model);
     if !plant.assembled {
         return Value::Null;
     }

@@ -7,7 +7,6 @@ mod places;
 
 use std::fmt::Write as _;
 
-use deltatwin::dynamics::Plant;
 use deltatwin::identification::fit::kinematics;
 use deltatwin::identification::{Dataset, FitError, Residuals, predict, residuals::rms};
 use deltatwin::machine::Unit;
@@ -41,7 +40,7 @@ impl Signals {
     pub fn of(stages: &[Stage], dataset: &Dataset, noise: &[f64]) -> Result<Self, FitError> {
         let mut predicted = Vec::new();
         for stage in stages {
-            predicted.push(predict(&Plant::new(stage.model, &dataset.setup), dataset).map_err(kinematics(dataset))?);
+            predicted.push(predict(&dataset.plant(stage.model), dataset).map_err(kinematics(dataset))?);
         }
         let left: Vec<Vec<Vec<f64>>> = predicted.iter().map(|p| Residuals::of(dataset, p).series.remove(0)).collect();
         let stride = dataset.len().div_ceil(MOST_SAMPLES).max(1);
