@@ -503,9 +503,8 @@ fn no_effect_of_the_catalogue_is_refused() {
             let filtered = effect.name() == "torque_filter";
             // Nor is the torque of one axis late.
             let is_lag = |f: &Finding| f.problem == Problem::Lag && f.axis.is_some();
-            let refused = |f: &Finding| {
-                (f.severe || f.problem == Problem::LowPass && !filtered || is_lag(f)) && !is_unit(f)
-            };
+            let refused =
+                |f: &Finding| (f.severe || f.problem == Problem::LowPass && !filtered || is_lag(f)) && !is_unit(f);
             assert!(!found.iter().any(refused), "{}: {found:?}", effect.name());
         }
     }
