@@ -95,6 +95,33 @@ fn poses(size: f64) -> Course {
     Course::StaticPoses(StaticPoses { poses, hold: 0.7, travel: 0.5 })
 }
 
+/// AR(1) noise a = 0.9 of 0.8 N·m next to the white one of 0.4: neighbouring samples show √(0.4² + 0.8²·0.1/1.9) = 0.44 N·m,
+/// twice of which would be left; five laps show 0.89.
+#[test]
+fn noise_with_memory_is_no_effect_where_laps_show_it() {
+    let course = Course::RandomFourier { seed: 3, frequency: 0.25, harmonics: 8, share: 0.6 };
+    let mut data = measured(&nominal(), &course, Payload::default(), 20.0, 5);
+    data.setup.torque_noise = None;
+    let mut rng = ChaCha8Rng::seed_from_u64(6);
+    let innovation = Normal::new(0.0, 0.8 * (1.0f64 - 0.81).sqrt()).expect("a width");
+    for series in data.measured.iter_mut().take(3) {
+        let mut slow = 0.0;
+        for x in series {
+            slow = 0.9 * slow + innovation.sample(&mut rng);
+            *x += slow;
+        }
+    }
+    let d = diagnosed(std::slice::from_ref(&data));
+    assert_eq!((d.verdict, names(&d)), (Verdict::None, vec![]));
+    let repeats = d.repeats.expect("laps");
+    assert_eq!(repeats.laps, 5);
+    for share in repeats.channels.iter().take(3) {
+        let (noise, std) = share.parts.noise;
+        assert!((noise - 0.8f64.hypot(0.4)).abs() < 4.0 * std && std < 0.02, "{}", share.sentence());
+        assert_eq!(share.floor.map(|f| f > 0.8), Some(true), "{}", share.sentence());
+    }
+}
+
 #[test]
 #[ignore = "campaign"]
 fn a_tilt_of_the_base_and_constant_torques_are_alike_in_a_small_workspace() {

@@ -169,3 +169,54 @@ pub fn errors(
 pub fn picture(svg: &str) -> String {
     format!("<div style=\"max-width: 60em\">{svg}</div>")
 }
+
+/// Laps of one motion, and what of a residual repeats in them.
+#[pyclass(frozen, module = "deltatwin")]
+#[derive(Clone)]
+pub struct Repeats {
+    #[pyo3(get)]
+    laps: usize,
+    #[pyo3(get)]
+    recordings: usize,
+    #[pyo3(get)]
+    period: f64,
+    #[pyo3(get)]
+    sentences: Vec<String>,
+    shares: Vec<identification::repeats::Share>,
+}
+
+impl From<&identification::Repeats> for Repeats {
+    fn from(r: &identification::Repeats) -> Self {
+        let shares = r.channels.clone();
+        Self { laps: r.laps, recordings: r.recordings, period: r.period, sentences: r.sentences(), shares }
+    }
+}
+
+#[pymethods]
+impl Repeats {
+    #[getter]
+    fn channels(&self) -> Table {
+        let mut table = Table::new("residual over laps");
+        let text = |of: &dyn Fn(&identification::repeats::Share) -> String| {
+            Series::Text(self.shares.iter().map(|s| Some(of(s))).collect())
+        };
+        table.push("channel", "", text(&|s| s.channel.to_string()));
+        table.push("unit", "", text(&|s| s.channel.unit().to_string()));
+        let columns: [(&str, fn(&deltatwin::evidence::repeats::Parts) -> f64); 6] = [
+            ("residual", |p| p.rms),
+            ("repeats", |p| p.repeats.0),
+            ("repeats_std", |p| p.repeats.1),
+            ("noise", |p| p.noise.0),
+            ("noise_std", |p| p.noise.1),
+            ("drift", |p| p.drift),
+        ];
+        for (name, of) in columns {
+            table.push(name, "", Series::Float(self.shares.iter().map(|s| of(&s.parts)).collect()));
+        }
+        table
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Repeats(laps={}, recordings={}, period={:.6} s)", self.laps, self.recordings, self.period)
+    }
+}

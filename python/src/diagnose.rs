@@ -12,7 +12,7 @@ use deltatwin_report::drawing::residual::{self, Stage};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::answer::{self, Candidate, Change, Estimate, Named};
+use crate::answer::{self, Candidate, Change, Estimate, Named, Repeats};
 use crate::data::Data;
 use crate::interrupt::{Bar, run};
 use crate::law::{self, Law};
@@ -110,6 +110,11 @@ impl Diagnosis {
     #[getter]
     fn noise_floor(&self) -> Vec<f64> {
         self.inner.noise_floor.clone()
+    }
+
+    #[getter]
+    fn repeats(&self) -> Option<Repeats> {
+        self.inner.repeats.as_ref().map(Repeats::from)
     }
 
     #[getter]

@@ -12,7 +12,7 @@ use deltatwin::recording::Channel;
 use deltatwin_report::drawing::residual::{self, Stage};
 use pyo3::prelude::*;
 
-use crate::answer::{self, Estimate, Finding};
+use crate::answer::{self, Estimate, Finding, Repeats};
 use crate::data::Data;
 use crate::how::{How, Words};
 use crate::interrupt::{Bar, run};
@@ -165,6 +165,11 @@ impl Comparison {
     }
 
     #[getter]
+    fn repeats(&self) -> Option<Repeats> {
+        self.inner.repeats.as_ref().map(Repeats::from)
+    }
+
+    #[getter]
     fn worst(&self) -> Option<(String, f64)> {
         self.inner.worst().map(|(channel, ratio)| (channel.to_string(), ratio))
     }
@@ -297,7 +302,7 @@ pub fn identify(
     law::evaluate(py, &own, &[], &data)?;
     let done = run(py, bar.function(), move |task| {
         let channels = data.datasets[0].channels.clone();
-        let noise = NoiseLevel::of(&own, &data.datasets);
+        let noise = NoiseLevel::measured(&own, &data.datasets)?;
         let stop = || task.stopped();
         let fit = fit_with(&own, &data.datasets, &noise.of_each, &how.options(&stop))?;
         let held_out = HeldOut::new(&fit.model, &data.held_out)?;

@@ -31,7 +31,7 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _deltatwin {
     #[pymodule_export]
-    use super::answer::{Candidate, Change, Estimate, Finding, Named};
+    use super::answer::{Candidate, Change, Estimate, Finding, Named, Repeats};
     #[pymodule_export]
     use super::catalogue::{Effect, Parameter, effects};
     #[pymodule_export]
