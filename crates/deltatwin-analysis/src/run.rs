@@ -39,9 +39,7 @@ pub enum Stage {
     Check,
     /// Fit of the model as it is.
     Identify,
-    /// Where the delivered and the fitted model fail.
-    Compare,
-    /// Which effect is missing, and the model with it.
+    /// Which effect is missing, and the model with it; at the same time where the delivered and the fitted model fail.
     Diagnose,
 }
 
@@ -50,7 +48,6 @@ impl std::fmt::Display for Stage {
         f.pad(match self {
             Self::Check => "check",
             Self::Identify => "identify",
-            Self::Compare => "compare",
             Self::Diagnose => "diagnose",
         })
     }
@@ -132,20 +129,26 @@ pub fn run(
     };
     let identification = identify_until(model, data, Some(&is_late))?;
     stop(settings)?;
-    step(Stage::Compare, 0.12, "delivered");
-    let delivered = compare(model, &data.datasets, &data.held_out)?;
-    step(Stage::Compare, 0.16, "identified");
     let fitted = &identification.fitted;
-    let identified = compare_with(&fitted.model, &data.datasets, &data.held_out, &fitted.residuals)?;
-    stop(settings)?;
     let mut fraction = DIAGNOSIS;
     step(Stage::Diagnose, fraction, "");
-    let fitted = Some(fitted).filter(|_| !is_cut.load(Ordering::Relaxed));
-    let options = Options { fixed: settings.hold, clock: settings.clock, fitted, ..Options::default() };
-    let diagnosis = diagnose_with(model, &data.datasets, &data.held_out, &options, &mut |what| {
-        fraction = ahead(fraction, what);
-        step(Stage::Diagnose, fraction, what);
-    })?;
+    let first = Some(fitted).filter(|_| !is_cut.load(Ordering::Relaxed));
+    let options = Options { fixed: settings.hold, clock: settings.clock, fitted: first, ..Options::default() };
+    // The comparisons need nothing of the diagnosis, much of which is serial.
+    let (compared, diagnosis) = std::thread::scope(|scope| {
+        let compared = scope.spawn(|| {
+            let delivered = compare(model, &data.datasets, &data.held_out)?;
+            let identified = compare_with(&fitted.model, &data.datasets, &data.held_out, &fitted.residuals)?;
+            Ok::<_, FitError>((delivered, identified))
+        });
+        let diagnosis = diagnose_with(model, &data.datasets, &data.held_out, &options, &mut |what| {
+            fraction = ahead(fraction, what);
+            step(Stage::Diagnose, fraction, what);
+        });
+        (compared.join(), diagnosis)
+    });
+    let (delivered, identified) = compared.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
+    let diagnosis = diagnosis?;
     warnings.extend(crate::gate::much_is_left(&diagnosis.channels, &diagnosis.rms_after, &diagnosis.noise_floor));
     let zeros = data.zeros.clone();
     let cut = [(Stage::Identify, is_cut.into_inner()), (Stage::Diagnose, !diagnosis.not_tried.is_empty())];
@@ -192,7 +195,7 @@ fn stop(settings: &Settings) -> Result<(), RunError> {
 }
 
 /// Share of a run after which the diagnosis begins.
-const DIAGNOSIS: f64 = 0.2;
+const DIAGNOSIS: f64 = 0.12;
 
 /// Share of a run that is done when its diagnosis reports `what`; its refits come closer and closer to the confidence.
 pub fn ahead(now: f64, what: &str) -> f64 {

@@ -1,5 +1,6 @@
 //! Display of a recording in Rerun: moving robot with measured and predicted torques, its residual and its loads.
 
+use std::borrow::Cow;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -36,6 +37,8 @@ const NOISE: [u8; 3] = [130, 135, 140];
 pub struct Replay<'a> {
     /// The recording.
     pub recording: &'a Recording,
+    /// Its smoothed motion, if it is known already.
+    pub dataset: Option<&'a Dataset>,
     /// Contacts during the recording, in order of time.
     pub contacts: &'a [Contacts],
     /// The model.
@@ -84,11 +87,12 @@ impl Replay<'_> {
     }
 
     fn scene<'p>(&self, plant: &'p Plant, assets: &'p Assets) -> miette::Result<Scene<'p>> {
-        let dataset = Dataset::new(self.recording);
-        let predicted = predict(plant, &dataset).into_diagnostic()?;
+        let dataset = self.dataset.map_or_else(|| Cow::Owned(Dataset::new(self.recording)), Cow::Borrowed);
+        let dataset = &*dataset;
+        let predicted = predict(plant, dataset).into_diagnostic()?;
         let noise = dataset.noise(self.model);
-        let left = Residuals::of(&dataset, &predicted);
-        let later = self.beside.map(|model| Residuals::new(model, std::slice::from_ref(&dataset))).transpose();
+        let left = Residuals::of(dataset, &predicted);
+        let later = self.beside.map(|model| Residuals::new(model, std::slice::from_ref(dataset))).transpose();
         let later = later.into_diagnostic()?;
         // One frame per mean of the residual.
         let block = dataset.stride(BLOCK);
@@ -271,8 +275,14 @@ mod tests {
         for (tau, (predicted, off)) in recording.signals.torques_mut().zip(predicted.iter().zip(off)) {
             tau.fill(predicted[0] + off);
         }
-        let replay =
-            Replay { recording: &recording, contacts: &[], model: &model, beside: None, access: Access::PROJECT };
+        let replay = Replay {
+            recording: &recording,
+            dataset: None,
+            contacts: &[],
+            model: &model,
+            beside: None,
+            access: Access::PROJECT,
+        };
         let assets = Assets::of(&model, replay.access).unwrap();
         let scene = replay.scene(&plant, &assets).unwrap();
         let expected = off.map(|off| off * 50f64.sqrt() / 0.1);

@@ -95,7 +95,8 @@ pub(crate) fn write(task: &Task, index: Option<usize>) -> miette::Result<Shown> 
     if let Some(folder) = path.parent() {
         private(folder).map_err(|e| miette!("{}: {e}", folder.display()))?;
     }
-    Replay { recording: &recording, contacts: &contacts, model, beside, access: Access::PROJECT }.write(&path)?;
+    Replay { recording: &recording, dataset: None, contacts: &contacts, model, beside, access: Access::PROJECT }
+        .write(&path)?;
     let mut words = vec!["deltatwin", "replay", named.as_str(), "--model", parent.unwrap_or(&version.file)];
     if parent.is_some() {
         words.extend(["--beside", version.file.as_str()]);

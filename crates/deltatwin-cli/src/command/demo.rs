@@ -121,7 +121,7 @@ fn write(args: &Args, campaign: &Campaign, findings: &Findings) -> miette::Resul
     #[cfg(feature = "viewer")]
     {
         let path = folder.join("validation.rrd");
-        crate::command::run::replay(&campaign.validation, &findings.analysis).write(&path)?;
+        crate::command::run::replay(&campaign.validation, None, &findings.analysis).write(&path)?;
         files.push(path);
     }
     Ok(files)

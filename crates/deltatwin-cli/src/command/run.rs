@@ -66,8 +66,15 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     warn(&analysis.warnings);
     // The answer first: a file that cannot be written does not cost it.
     if args.json { say(folder::result(&analysis, &origin)) } else { print(&analysis) }?;
-    let mut files = folder::write(&args.output, &analysis, &model, &data, &origin)?;
-    show(&args.output, &analysis, &inputs, &model, &mut files)?;
+    // What prevents it is said by what writes the files.
+    let _ = std::fs::create_dir_all(&args.output);
+    let (shown, files) = std::thread::scope(|scope| {
+        let shown = scope.spawn(|| show(&args.output, &analysis, &inputs, &model, &data));
+        let files = folder::write(&args.output, &analysis, &model, &data, &origin);
+        (shown.join(), files)
+    });
+    let mut files = files?;
+    files.extend(shown.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?);
     if !args.json {
         print_files(&files, args)?;
     }
@@ -93,34 +100,40 @@ pub fn message(step: &Step) -> String {
 
 /// A recording with the identified model, and beside it the one with the effects that were found.
 #[cfg(feature = "viewer")]
-pub fn replay<'a>(recording: &'a Recording, analysis: &'a Analysis) -> Replay<'a> {
+pub fn replay<'a>(recording: &'a Recording, dataset: Option<&'a Dataset>, analysis: &'a Analysis) -> Replay<'a> {
     let beside = (!analysis.diagnosis.effects.is_empty()).then_some(&analysis.diagnosis.model);
-    Replay { recording, contacts: &[], model: &analysis.identification.fitted.model, beside, access: Access::PROJECT }
+    Replay {
+        recording,
+        dataset,
+        contacts: &[],
+        model: &analysis.identification.fitted.model,
+        beside,
+        access: Access::PROJECT,
+    }
 }
 
-/// Writes the Rerun file of the last recording with the identified model and adds it to `files`, where the program has the
-/// viewer.
+/// Writes the Rerun file of the last recording with the identified model; none without the viewer.
 #[cfg(feature = "viewer")]
 fn show(
     folder: &Path,
     analysis: &Analysis,
     inputs: &crate::data::Inputs,
     model: &Model,
-    files: &mut Vec<PathBuf>,
-) -> miette::Result<()> {
-    let Some(file) = inputs.held_out.last().or(inputs.data.last()) else { return Ok(()) };
+    data: &Data,
+) -> miette::Result<Option<PathBuf>> {
+    let Some(file) = inputs.held_out.last().or(inputs.data.last()) else { return Ok(None) };
+    let dataset = data.held_out.last().or(data.datasets.last());
     let (recording, _) = deltatwin_io::recording::read_as(file, &inputs.reading(Some(model.mechanism)))?;
     let stem = file.file_stem().unwrap_or_default().to_string_lossy();
     let path = folder.join(format!("{stem}.rrd"));
-    replay(&recording, analysis).write(&path)?;
-    files.push(path);
-    Ok(())
+    replay(&recording, dataset, analysis).write(&path)?;
+    Ok(Some(path))
 }
 
 #[cfg(not(feature = "viewer"))]
 #[allow(clippy::unnecessary_wraps)]
-fn show(_: &Path, _: &Analysis, _: &crate::data::Inputs, _: &Model, _: &mut Vec<PathBuf>) -> miette::Result<()> {
-    Ok(())
+fn show(_: &Path, _: &Analysis, _: &crate::data::Inputs, _: &Model, _: &Data) -> miette::Result<Option<PathBuf>> {
+    Ok(None)
 }
 
 fn print(a: &Analysis) -> miette::Result<()> {

@@ -30,7 +30,14 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     warn(&warnings);
     let progress = spinner("replay");
     let (contacts, access) = (recording::contacts(file)?, args.outside.access());
-    let replay = Replay { recording: &recording, contacts: &contacts, model: &model, beside: beside.as_ref(), access };
+    let replay = Replay {
+        recording: &recording,
+        dataset: None,
+        contacts: &contacts,
+        model: &model,
+        beside: beside.as_ref(),
+        access,
+    };
     let written = replay.write(&output);
     progress.finish_and_clear();
     written?;
@@ -59,7 +66,14 @@ fn stream(args: &Args, file: &Path) -> miette::Result<u8> {
     warn(&warnings);
     catch_interrupt()?;
     let (contacts, access) = (recording::contacts(file)?, args.outside.access());
-    let replay = Replay { recording: &recording, contacts: &contacts, model: &model, beside: beside.as_ref(), access };
+    let replay = Replay {
+        recording: &recording,
+        dataset: None,
+        contacts: &contacts,
+        model: &model,
+        beside: beside.as_ref(),
+        access,
+    };
     let Some(viewer) = args.viewer.viewer() else { return Ok(DONE) };
     let pace = args.viewer.is_live().then_some(args.speed);
     replay.stream(&viewer, pace, &|| !interrupted())?;
