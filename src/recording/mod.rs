@@ -54,7 +54,8 @@ pub struct Signals {
     pub link_q: Option<Vec<[f64; AXES]>>,
     /// Link-side joint rates, rad/s.
     pub link_qd: Option<Vec<[f64; AXES]>>,
-    /// Index ranges without a gap in time; filters process each range separately.
+    /// Index ranges without a gap in time that nothing bridges; filters process each range separately. Steps of time within
+    /// one may differ.
     ///
     /// Empty means a single range; use [`Signals::stretches`].
     pub segments: Vec<Range<usize>>,
@@ -71,7 +72,7 @@ impl Signals {
         self.t.is_empty()
     }
 
-    /// Index ranges of the uniformly sampled segments, at least one unless there are no samples.
+    /// Index ranges of the segments, at least one unless there are no samples.
     pub fn stretches(&self) -> Vec<Range<usize>> {
         if self.segments.is_empty() && !self.is_empty() {
             std::iter::once(0..self.len()).collect()
