@@ -201,7 +201,7 @@ impl Repeats {
             Series::Text(self.shares.iter().map(|s| Some(of(s))).collect())
         };
         table.push("channel", "", text(&|s| s.channel.to_string()));
-        table.push("unit", "", text(&|s| s.channel.unit().to_string()));
+        table.push("unit", "", text(&|s| s.channel.unit(s.mechanism).to_string()));
         let columns: [(&str, fn(&deltatwin::evidence::repeats::Parts) -> f64); 6] = [
             ("residual", |p| p.rms),
             ("repeats", |p| p.repeats.0),

@@ -303,6 +303,7 @@ impl Search<'_> {
             start += dataset.len();
         }
         let (dataset, start) = longest?;
-        spectrum(self.rest.get(start..start + dataset.len())?, &dataset.segments, dataset.dt)
+        let longest = dataset.segments.iter().max_by_key(|s| s.len())?;
+        spectrum(self.rest.get(start..start + dataset.len())?, &dataset.segments, dataset.period(longest))
     }
 }

@@ -24,7 +24,7 @@ pub enum DiagnosisError {
     TooShort {
         /// Duration of all segments, s.
         recorded: f64,
-        /// Number of segments of equally spaced samples.
+        /// Number of segments.
         stretches: usize,
         /// Duration that the statistics can use, s.
         used: f64,

@@ -327,8 +327,9 @@ impl Alone<'_> {
         let line: f64 = top[highest.saturating_sub(2)..(highest + 3).min(top.len())].iter().sum();
         let clear = top[highest] > LINE.0 * median && line > LINE.1 * total;
         clear.then(|| {
-            let frequency = (first + highest) as f64 / (n as f64 * self.dataset.dt);
-            let half = 0.5 / self.dataset.dt;
+            let period = self.dataset.period(segment);
+            let frequency = (first + highest) as f64 / (n as f64 * period);
+            let half = 0.5 / period;
             let sentence = format!(
                 "the torque of axis {} has a line at {} Hz with {:.0} % of its variance, near half the sampling frequency ({} Hz): \
                  what is faster may be folded to it",

@@ -245,6 +245,14 @@ impl Dataset {
         }
     }
 
+    /// Mean time between the samples of a segment, s: the sampling period, unless the times say otherwise.
+    pub fn period(&self, segment: &Range<usize>) -> f64 {
+        match &self.t[segment.clone()] {
+            t @ [first, .., last] if !is_even(t, self.dt) => (last - first) / (t.len() - 1) as f64,
+            _ => self.dt,
+        }
+    }
+
     /// What became of the samples of `recording`, of which this is the dataset, if they are at unequal times.
     pub fn on_times(&self, recording: &Recording) -> Option<String> {
         let signals = &recording.signals;

@@ -534,7 +534,12 @@ impl<'a> Axis<'a> {
         }
         let of = |ln: f64| self.likelihood(&pieces, ln.exp(), turns, UNRELATED);
         let best = |l: Likelihood| l.ln(l.variance());
-        let ln = highest([smoothest.min(ROUGHEST), ROUGHEST], |ln| best(of(ln)));
+        let mut range = [smoothest.min(ROUGHEST), ROUGHEST];
+        if !self.grids.is_empty() {
+            // Starts and stops between samples are noise to a smooth motion and motion to a rough one: two maxima.
+            range = around_highest(range, |ln| best(of(ln)));
+        }
+        let ln = highest(range, |ln| best(of(ln)));
         let found = of(ln);
         Snap { intensity: ln.exp(), variance: found.variance(), likelihood: best(found) }
     }
@@ -594,6 +599,16 @@ fn reversals(turns: &[Vec<bool>]) -> Vec<Piece> {
 fn thinned(pieces: Vec<Piece>, most: usize) -> Vec<Piece> {
     let n = pieces.len();
     if n <= most { pieces } else { (0..most).map(|k| pieces[k * n / most].clone()).collect() }
+}
+
+/// Part of an interval around the highest of 16 values of a function.
+fn around_highest([low, high]: [f64; 2], f: impl Fn(f64) -> f64) -> [f64; 2] {
+    let step = (high - low) / 15.0;
+    let (best, _) = (0..16).map(|k| low + f64::from(k) * step).fold((low, f64::NEG_INFINITY), |(at, most), x| {
+        let value = f(x);
+        if value > most { (x, value) } else { (at, most) }
+    });
+    [(best - step).max(low), (best + step).min(high)]
 }
 
 /// Maximiser of a unimodal function in an interval, to within 0.2.

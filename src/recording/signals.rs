@@ -14,7 +14,8 @@ pub struct Signals {
     pub start: Option<i64>,
     /// Time, s.
     pub t: Vec<f64>,
-    /// Index ranges without a gap in time; filters process each range separately.
+    /// Index ranges without a gap in time that nothing bridges; filters process each range separately. Steps of time within
+    /// one may differ.
     ///
     /// Empty means a single range; use [`Signals::stretches`].
     pub segments: Vec<Range<usize>>,
@@ -157,7 +158,7 @@ impl Signals {
         self.series.iter_mut().map(|(channel, values)| (*channel, values))
     }
 
-    /// Index ranges of the uniformly sampled segments, at least one unless there are no samples.
+    /// Index ranges of the segments, at least one unless there are no samples.
     pub fn stretches(&self) -> Vec<Range<usize>> {
         if self.segments.is_empty() && !self.is_empty() {
             std::iter::once(0..self.len()).collect()

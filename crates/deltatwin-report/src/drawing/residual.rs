@@ -117,7 +117,8 @@ impl Drawn<'_> {
     fn spectrum(&self, c: usize, channel: Channel, left: Series) -> Figure {
         let longest = self.dataset.segments.iter().max_by_key(|s| s.len()).cloned().unwrap_or(0..0);
         let one = |(s, stage): (usize, &Stage)| {
-            let (frequency, amplitude) = amplitude_spectrum(&left(s, c)[longest.clone()], self.dataset.dt);
+            let (frequency, amplitude) =
+                amplitude_spectrum(&left(s, c)[longest.clone()], self.dataset.period(&longest));
             Curve::new(stage.name, frequency, amplitude).color(self.color(s))
         };
         let curves: Vec<Curve> = self.stages.iter().enumerate().map(one).collect();

@@ -31,7 +31,7 @@ pub fn of(dataset: &Dataset, left: &[Vec<Vec<f64>>]) -> Vec<Value> {
         ];
         let bins: Vec<Value> = over.iter().map(|(label, x)| binned(label, x, left, c)).collect();
         let spectra: Vec<(Vec<f64>, Vec<f64>)> =
-            left.iter().map(|l| amplitude_spectrum(&l[c][longest.clone()], dataset.dt)).collect();
+            left.iter().map(|l| amplitude_spectrum(&l[c][longest.clone()], dataset.period(&longest))).collect();
         json!({"over": bins, "spectrum": spectrum(&spectra)})
     };
     (0..dataset.channels.len()).map(one).collect()
