@@ -12,7 +12,7 @@ use std::ops::Range;
 
 use super::filtering::{Kernel, MAX_HALF_WIDTH, MIN_HALF_WIDTH, half_width, noise_level, uneven_noise_level};
 use super::initial::quantum;
-use super::smoother::{Likelihood, Samples, smooth, smooth_with_errors, width};
+use super::smoother::{Likelihood, Samples, WithErrors, smooth, smooth_with_errors, width};
 use crate::kinematics::JointState;
 use crate::machine::AXES;
 use crate::numerics::median;
@@ -508,7 +508,7 @@ impl<'a> Axis<'a> {
             let all = smooth_with_errors(self.samples(s, 0..self.stretches[s].len(), &jerk), snap);
             all.into_iter().map(|(x, errors)| (x, errors.map(|e| scale * e))).collect()
         });
-        let all: Vec<Vec<([f64; 3], [f64; 2])>> = all.collect();
+        let all: Vec<Vec<WithErrors>> = all.collect();
         let at_samples = || all.iter().zip(self.grids).flat_map(|(all, grid)| grid.at.iter().map(|&k| all[k]));
         let most: [f64; 2] = std::array::from_fn(|d| {
             let usual = UNKNOWN * median(at_samples().map(|(_, errors)| errors[d]));
@@ -516,7 +516,7 @@ impl<'a> Axis<'a> {
             let (sum, count) = accurate.fold((0.0, 0.0), |(sum, count), square| (sum + square, count + 1.0));
             usual.max((sum / f64::max(count, 1.0)).sqrt())
         });
-        let known = |(all, grid): (&Vec<([f64; 3], [f64; 2])>, &Grid)| {
+        let known = |(all, grid): (&Vec<WithErrors>, &Grid)| {
             let at = |k: &usize| all[*k].1.iter().zip(&most).all(|(error, most)| error <= most);
             let between = |w: &[usize]| (w[0] + 1..w[1]).all(|k| at(&k));
             Known { samples: grid.at.iter().map(at).collect(), steps: grid.at.windows(2).map(between).collect() }
