@@ -24,7 +24,7 @@ mod world;
 
 use deltatwin::cell::{CellError, Mobility, Object, Surface, check};
 use deltatwin::kinematics::{Motion, SocketSet};
-use deltatwin::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, body_name};
+use deltatwin::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, body_name};
 use deltatwin::machine::{Bodies, Geometry, Inertia};
 use deltatwin::scenario::PayloadShape;
 use deltatwin::twin::{ContactBody, ContactWork, Contacts, Held, Resistance, Surroundings, Touch, Twist};
@@ -181,12 +181,17 @@ impl Cell {
     /// Takes the masses of the robot's `bodies` for the length of its steps; without them all are struts. The end
     /// effector moves with the platform.
     fn weigh(&mut self, bodies: &Bodies) {
+        // Some models do not state the masses of bodies that enter the dynamics by their moments alone.
+        let least = match CORNER * bodies[STRUT].mass {
+            strut if strut > 0.0 => strut,
+            _ => STRUT_END_MASS,
+        };
         for (body, mass) in self.masses.iter_mut().enumerate() {
             let own = match body {
                 PLATFORM | END_EFFECTOR => bodies[PLATFORM].mass + bodies[END_EFFECTOR].mass,
                 _ => bodies[body].mass,
             };
-            *mass = (CORNER * own).max(STRUT_END_MASS);
+            *mass = (CORNER * own).max(least);
         }
     }
 
