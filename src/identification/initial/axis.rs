@@ -26,8 +26,9 @@ use crate::text::significant;
 /// Standard errors beyond which gravity is significant, share of the torque's variance that it must explain, and
 /// least travel on which it is told from a constant, rad.
 const GRAVITY: (f64, f64, f64) = (5.0, 0.02, 0.3);
-/// Standard errors beyond which a constant torque is mentioned.
-const OFFSET: f64 = 5.0;
+/// Standard errors, and share of the torque's deviation, beyond which a constant torque counts, and constants of recordings
+/// differ.
+const OFFSET: (f64, f64) = (5.0, 0.02);
 /// Standard errors, and amount, by which the share of a known load must differ from 1.
 const SCALE: (f64, f64) = (4.0, 0.01);
 /// Shares of a known load that a gain of the torque can express.
@@ -40,8 +41,9 @@ const FARTHEST: f64 = 1e4;
 /// A first model of the single axis that was recorded.
 ///
 /// Inertia and friction follow from one linear regression over all recordings, τ = J·q̈ + p_C·tanh(k·q̇) + p_v·q̇ + a
-/// constant per recording, on a revolute axis also + a·sin q + b·cos q per recording, as their zeros may differ. Standard
-/// errors take the autocorrelation of the residual into account. `gear_ratio` is that of the drive, 1 if unknown.
+/// constant per recording, on a revolute axis also + a·sin q + b·cos q per recording, as their zeros may differ. A constant
+/// that all share is a bias of the torque. Standard errors take the autocorrelation of the residual into account.
+/// `gear_ratio` is that of the drive, 1 if unknown.
 ///
 /// # Errors
 /// [`InitialError::TooShort`] if a recording leaves no samples, [`InitialError::NoMotion`] if the motion does not
@@ -234,7 +236,11 @@ impl Own<'_> {
             None => series = series.unloaded(),
         }
         let plain = Fit::of(&series, false).ok_or(InitialError::NoMotion)?;
-        let with = self.gravity(&series, &plain);
+        let mut with = self.gravity(&series, &plain);
+        let bias = self.bias(with.as_ref().unwrap_or(&plain), &series);
+        if with.is_some() && bias.is_none() {
+            with = Fit::without_constants(&series).or(with);
+        }
         let fit = with.as_ref().unwrap_or(&plain);
         let inertia = fit.coefficient(Some(0));
         let [coulomb, viscous] = fit.friction.map(|place| fit.coefficient(place));
@@ -251,7 +257,22 @@ impl Own<'_> {
         }
         let gravity = with.as_ref().map(|fit| self.note_gravity(fit, remarks));
         let gravity = gravity.filter(|_| find("axis_gravity").is_some());
-        let drive = admitting(drive, self.mechanism, &friction, gravity);
+        let common = bias.is_some();
+        let bias = bias.map(|pair| {
+            // In the unit of the recording.
+            let [value, std] = <[f64; 2]>::from(pair).map(|x| x * scale.unwrap_or(1.0));
+            let values = (vec![rounded_to(value, 4)], vec![rounded_to(std, 2)]);
+            self.estimate(
+                "effects.torque_bias",
+                "bias",
+                values,
+                Unit::NM,
+                "linear regression; a constant of the torque",
+            );
+            [("bias", rounded_to(value, 4))]
+        });
+        let own = bias.as_ref().map_or(&[][..], |bias| bias);
+        let drive = admitting(drive, self.mechanism, &friction, gravity, own);
         let host = Host::new(self.mechanism, &drive);
         let mut friction = friction.to_vec();
         if let Some(steepness) = seen {
@@ -268,7 +289,10 @@ impl Own<'_> {
         if let Some(gain) = scale.and_then(|scale| filled("torque_gain_error", host, &[("gain", scale - 1.0)])) {
             effects.push(gain);
         }
-        self.left(fit, &series, remarks);
+        if let Some(bias) = bias.and_then(|bias| filled("torque_bias", host, &bias)) {
+            effects.push(bias);
+        }
+        self.left(fit, &series, common, remarks);
         Ok((drive, Law { inertia, effects }))
     }
 
@@ -320,11 +344,22 @@ impl Own<'_> {
         let with = Fit::of(series, true)?;
         let variance = deviation(&series.torque).powi(2);
         let explained = (plain.least.mean_square - with.least.mean_square) / variance.max(f64::MIN_POSITIVE);
-        let significant = |r: usize| {
-            let [(a, sa), (b, sb)] = with.gravity(r);
-            (a / sa).hypot(b / sb) > GRAVITY.0
-        };
-        ((0..self.recordings.len()).any(significant) && explained > GRAVITY.1).then_some(with)
+        // Together: on a short travel sine, cosine and constant resemble each other, and none is significant alone.
+        let is_significant =
+            with.gain_over(&plain, series.torque.len()) > GRAVITY.0.powi(2) * self.recordings.len() as f64;
+        (is_significant && explained > GRAVITY.1).then_some(with)
+    }
+
+    /// The constant torque of all recordings, with its standard error; `None` if it is not significant, or not common.
+    fn bias(&self, fit: &Fit, series: &Series) -> Option<(f64, f64)> {
+        let mut places = fit.constants.iter().copied().collect::<Option<Vec<usize>>>()?;
+        places.dedup();
+        let constants: Vec<(f64, f64)> = places.into_iter().map(|k| fit.coefficient(Some(k))).collect();
+        let weights: f64 = constants.iter().map(|(_, std)| std.powi(-2)).sum();
+        let mean = constants.iter().map(|(value, std)| value / std.powi(2)).sum::<f64>() / weights;
+        let counts = |value: f64, std: f64| counts(value, std, series);
+        let is_common = constants.iter().all(|(value, std)| !counts(value - mean, *std));
+        (is_common && counts(mean, weights.sqrt().recip())).then(|| (mean, weights.sqrt().recip()))
     }
 
     /// Records the gravity of the first recording; returns sine and cosine.
@@ -346,9 +381,10 @@ impl Own<'_> {
     }
 
     /// Remarks about constants and about what the regression leaves.
-    fn left(&self, fit: &Fit, series: &Series, remarks: &mut Vec<String>) {
+    fn left(&self, fit: &Fit, series: &Series, common: bool, remarks: &mut Vec<String>) {
         let unit = self.mechanism.unit(Unit::NM);
-        for (recording, place) in self.recordings.iter().zip(&fit.constants).filter(|_| fit.sines.is_none()) {
+        let told = fit.sines.is_none() || common;
+        for (recording, place) in self.recordings.iter().zip(&fit.constants).filter(|_| told) {
             let (constant, std) = fit.coefficient(*place);
             if place.is_none() {
                 let name = &recording.name;
@@ -356,10 +392,13 @@ impl Own<'_> {
                     .push(format!("{name} turns in one direction only: a constant would count as Coulomb friction."));
                 continue;
             }
-            if constant.abs() > OFFSET * std && constant.abs() > 0.02 * deviation(&series.torque) {
+            if counts(constant, std, series) {
                 let name = &recording.name;
-                remarks
-                    .push(format!("{name}: a constant {constant:+.3e} ± {std:.0e} {unit} is left out of the model."));
+                let end = match common {
+                    true => "in the model as torque_bias",
+                    false => "left out of the model, as the recordings differ in it",
+                };
+                remarks.push(format!("{name}: a constant {constant:+.3e} ± {std:.0e} {unit} is {end}."));
             }
         }
         let share = fit.least.mean_square.sqrt() / deviation(&series.torque).max(f64::MIN_POSITIVE);
@@ -370,6 +409,11 @@ impl Own<'_> {
             ));
         }
     }
+}
+
+/// Whether a constant of the torque is significant and large enough.
+fn counts(value: f64, std: f64, series: &Series) -> bool {
+    value.abs() > OFFSET.0 * std && value.abs() > OFFSET.1 * deviation(&series.torque)
 }
 
 fn positive((value, _): (f64, f64)) -> f64 {
@@ -388,11 +432,17 @@ fn filled(name: &str, host: Host, values: &[(&str, f64)]) -> Option<ActiveEffect
 }
 
 /// The drive with a torque limit that admits the values: ranges of effects are proportional to it.
-fn admitting(drive: Drive, mechanism: Mechanism, friction: &[(&str, f64)], gravity: Option<[f64; 2]>) -> Drive {
+fn admitting(
+    drive: Drive,
+    mechanism: Mechanism,
+    friction: &[(&str, f64)],
+    gravity: Option<[f64; 2]>,
+    bias: &[(&str, f64)],
+) -> Drive {
     let host = Host::new(mechanism, &drive);
     let weight = gravity.map_or(Vec::new(), |[sine, cosine]| vec![("sine", sine), ("cosine", cosine)]);
     let mut factor: f64 = 1.0;
-    for (name, values) in [("drive_friction", friction), ("axis_gravity", &weight[..])] {
+    for (name, values) in [("drive_friction", friction), ("axis_gravity", &weight[..]), ("torque_bias", bias)] {
         let Some(active) = find(name).map(|e| ActiveEffect::absent_on(e, host)) else { continue };
         for entry in active.entries() {
             let Some((_, value)) = values.iter().find(|(key, _)| *key == entry.parameter.name) else { continue };
@@ -503,6 +553,28 @@ mod tests {
         // The second recording's zero is where the first reads 0.7 rad.
         let elsewhere = found.remarks.iter().find(|r| r.contains("elsewhere")).expect("another zero");
         assert!(elsewhere.starts_with("pendulum: +0.70"), "{elsewhere}");
+    }
+
+    /// A constant of 0.2 N·m in both recordings, and one that is positive in the first and negative in the second.
+    #[test]
+    fn a_constant_that_all_recordings_share_is_in_the_model() {
+        let with = |constant: f64| {
+            let mut recording = pendulum(0.0, 100.0);
+            let torque = recording.signals.get_mut(Channel::Torque(0)).unwrap();
+            torque.iter_mut().for_each(|tau| *tau = ((*tau + constant) * 1e3).round() / 1e3);
+            recording
+        };
+        let bias = |found: &Initial| {
+            let mut own = found.model.effects.iter();
+            own.find(|e| e.effect.name() == "torque_bias").map(|bias| bias.values[0])
+        };
+        let found = axis("pendulum", &[with(0.2), with(0.2)], None).unwrap();
+        assert!(bias(&found).is_some_and(|bias| (bias - 0.2).abs() < 2e-3), "{:?}", found.remarks);
+        assert!(found.remarks.iter().any(|r| r.ends_with("is in the model as torque_bias.")), "{:?}", found.remarks);
+        for others in [[0.2, -0.2], [0.0, 0.0]] {
+            let found = axis("pendulum", &others.map(with), None).unwrap();
+            assert_eq!(bias(&found), None, "{:?}", found.remarks);
+        }
     }
 
     #[test]

@@ -131,9 +131,18 @@ pub(super) struct Fit {
 impl Fit {
     /// The regression with friction that is not negative: a term with a negative coefficient is left out.
     pub fn of(series: &Series, gravity: bool) -> Option<Self> {
+        Self::positive(series, gravity, true)
+    }
+
+    /// The regression with gravity, whose cosine a constant resembles on a short travel, and without constants.
+    pub fn without_constants(series: &Series) -> Option<Self> {
+        Self::positive(series, true, false)
+    }
+
+    fn positive(series: &Series, gravity: bool, constant: bool) -> Option<Self> {
         let mut with = [true, true];
         loop {
-            let fit = Self::with(series, gravity, with)?;
+            let fit = Self::with(series, gravity, constant, with)?;
             let is_negative = |place: &Option<usize>| place.is_some_and(|k| fit.least.beta[k] < 0.0);
             // Viscous friction first: in one direction at one speed it is told from Coulomb friction worst.
             match fit.friction.iter().rposition(is_negative) {
@@ -143,7 +152,7 @@ impl Fit {
         }
     }
 
-    fn with(series: &Series, gravity: bool, friction: [bool; 2]) -> Option<Self> {
+    fn with(series: &Series, gravity: bool, constant: bool, friction: [bool; 2]) -> Option<Self> {
         let count = series.recording.last().map_or(0, |r| r + 1);
         let mut features = vec![series.acceleration.clone()];
         let friction = [(friction[0], &series.sign), (friction[1], &series.rate)].map(|(is_used, feature)| {
@@ -168,7 +177,7 @@ impl Fit {
         let mut common = None;
         let constants: Vec<Option<usize>> = (0..count)
             .map(|r| {
-                (reverses(r) || friction[0].is_none()).then(|| {
+                (constant && (reverses(r) || friction[0].is_none())).then(|| {
                     if load.is_some() {
                         return *common.get_or_insert_with(|| {
                             features.push(vec![1.0; series.recording.len()]);
@@ -217,6 +226,12 @@ impl Fit {
     /// A coefficient with its standard error; zero without the term.
     pub fn coefficient(&self, place: Option<usize>) -> (f64, f64) {
         place.map_or((0.0, 0.0), |k| (self.least.beta[k], self.std(k)))
+    }
+
+    /// What another regression leaves more than this one, in units of the variance of independent samples.
+    pub fn gain_over(&self, other: &Self, samples: usize) -> f64 {
+        let independent = samples as f64 / self.inflation.powi(2).max(1.0);
+        independent * (other.least.mean_square / self.least.mean_square - 1.0)
     }
 
     /// Coefficients of sin q and cos q of recording `r` with their standard errors; zero without gravity.
