@@ -584,7 +584,7 @@ fn robots_without_a_telescope_have_the_constraint_forces_of_the_twin() {
     for name in ["clavel-delta", "linear-delta"] {
         let model = common::model(name);
         let mut scenario =
-            deltatwin_io::scenario::read(&common::shipped(&format!("scenarios/{name}.toml"))).expect("a scenario");
+            deltatwin_io::scenario::read(&common::shipped(format!("scenarios/{name}.toml"))).expect("a scenario");
         (scenario.duration, scenario.noise) = (0.4, false);
         scenario.formulation = deltatwin::scenario::Formulation::Absolute;
         let sensors = &mut scenario.sensors;
