@@ -63,19 +63,25 @@ pub struct Dataset {
 /// Encoder angles, and the motion including the ringing of elastic gears once it was requested.
 #[derive(Clone, Debug, Default)]
 pub struct EncoderReadings {
-    angles: [Vec<f64>; AXES],
+    angles: [Arc<Vec<f64>>; AXES],
+    /// Samples of `angles` that are those of the dataset.
+    within: Range<usize>,
     ringing: OnceLock<Vec<JointState>>,
 }
 
 impl EncoderReadings {
     fn rows(&self) -> Rows<'_, AXES> {
-        Rows(self.angles.each_ref().map(Vec::as_slice))
+        Rows(self.angles.each_ref().map(|own| own.get(self.within.clone()).unwrap_or_default()))
     }
 
     fn window(&self, range: &Range<usize>) -> Self {
-        let angles = self.angles.each_ref().map(|own| own.get(range.clone()).unwrap_or_default().to_vec());
+        let first = self.within.start;
         let known = self.ringing.get().map(|all| all[range.clone()].to_vec());
-        Self { angles, ringing: known.map_or_else(OnceLock::new, OnceLock::from) }
+        Self {
+            angles: self.angles.clone(),
+            within: first + range.start..first + range.end,
+            ringing: known.map_or_else(OnceLock::new, OnceLock::from),
+        }
     }
 }
 
@@ -127,11 +133,14 @@ impl Dataset {
             Mechanism::Axis(_) => moving(signals, pieces.iter().map(|(kept, _)| kept), angles.resolution(0)),
             Mechanism::Delta { .. } => pieces.iter().map(|(kept, _)| vec![kept.clone()]).collect(),
         };
+        let mut angle: [Vec<f64>; AXES] = Default::default();
         for ((kept, joints), moving) in pieces.into_iter().zip(moving) {
             // A recording without gaps and rests, the largest case, is moved and not copied.
             let whole = kept.len() == total && moving == [kept.clone()];
             if whole {
                 dataset.joints = joints;
+                dataset.readings.angles = std::array::from_fn(|i| signals.share(Channel::Angle(i)));
+                dataset.readings.within = kept.clone();
             } else {
                 let pieces = moving.iter().map(|range| &joints[range.start - kept.start..range.end - kept.start]);
                 dataset.joints.extend(pieces.flatten());
@@ -139,7 +148,7 @@ impl Dataset {
             for range in moving {
                 let first = dataset.t.len();
                 dataset.t.extend(&t[range.clone()]);
-                for (i, own) in dataset.readings.angles.iter_mut().enumerate() {
+                for (i, own) in angle.iter_mut().enumerate().filter(|_| !whole) {
                     own.extend(signals[Channel::Angle(i)].get(range.clone()).unwrap_or_default());
                 }
                 for (series, &channel) in dataset.measured.iter_mut().zip(&dataset.channels) {
@@ -147,6 +156,10 @@ impl Dataset {
                 }
                 dataset.segments.push(first..dataset.t.len());
             }
+        }
+        if angle.iter().any(|own| !own.is_empty()) {
+            dataset.readings.angles = angle.map(Arc::new);
+            dataset.readings.within = 0..dataset.len();
         }
         dataset.standing = 1.0 - dataset.len() as f64 / total.max(1) as f64;
         dataset
@@ -309,7 +322,7 @@ impl Dataset {
     /// Adds `offset`, rad or m, to the positions of an axis.
     pub fn shift(&mut self, axis: usize, offset: f64) {
         self.joints.iter_mut().for_each(|j| j.q[axis] += offset);
-        self.readings.angles[axis].iter_mut().for_each(|q| *q += offset);
+        Arc::make_mut(&mut self.readings.angles[axis]).iter_mut().for_each(|q| *q += offset);
         self.readings.ringing = OnceLock::new();
     }
 

@@ -1,6 +1,7 @@
 //! [`Signals`]: the channels of a recording over time.
 
 use std::ops::{Index, Range};
+use std::sync::Arc;
 
 use super::Channel;
 use crate::machine::{AXES, Joint, Mechanism};
@@ -19,8 +20,8 @@ pub struct Signals {
     ///
     /// Empty means a single range; use [`Signals::stretches`].
     pub segments: Vec<Range<usize>>,
-    /// The channels in their order.
-    series: Vec<(Channel, Vec<f64>)>,
+    /// The channels in their order; copies share the values until they are changed.
+    series: Vec<(Channel, Arc<Vec<f64>>)>,
 }
 
 /// `N` channels of one quantity next to each other; those that are not recorded are empty.
@@ -100,16 +101,21 @@ impl Signals {
         self.place(channel).ok().map(|place| self.series[place].1.as_slice())
     }
 
+    /// The values of a channel without a copy of them; none if it is not recorded.
+    pub fn share(&self, channel: Channel) -> Arc<Vec<f64>> {
+        self.place(channel).map_or_else(|_| Arc::default(), |place| self.series[place].1.clone())
+    }
+
     /// The values of a channel, to be changed; `None` if it is not recorded.
     pub fn get_mut(&mut self, channel: Channel) -> Option<&mut Vec<f64>> {
-        self.place(channel).ok().map(|place| &mut self.series[place].1)
+        self.place(channel).ok().map(|place| Arc::make_mut(&mut self.series[place].1))
     }
 
     /// Sets the values of a channel.
     pub fn set(&mut self, channel: Channel, values: Vec<f64>) {
         match self.place(channel) {
-            Ok(place) => self.series[place].1 = values,
-            Err(place) => self.series.insert(place, (channel, values)),
+            Ok(place) => self.series[place].1 = Arc::new(values),
+            Err(place) => self.series.insert(place, (channel, Arc::new(values))),
         }
     }
 
@@ -155,7 +161,7 @@ impl Signals {
 
     /// All channels with their values, in order, to be changed.
     pub fn series_mut(&mut self) -> impl Iterator<Item = (Channel, &mut Vec<f64>)> {
-        self.series.iter_mut().map(|(channel, values)| (*channel, values))
+        self.series.iter_mut().map(|(channel, values)| (*channel, Arc::make_mut(values)))
     }
 
     /// Index ranges of the segments, at least one unless there are no samples.
@@ -172,7 +178,7 @@ impl Signals {
     /// # Panics
     /// If `range` exceeds the samples.
     pub fn part(&self, range: Range<usize>) -> Self {
-        let of = |(channel, values): &(Channel, Vec<f64>)| (*channel, values[range.clone()].to_vec());
+        let of = |(channel, values): &(Channel, Arc<Vec<f64>>)| (*channel, Arc::new(values[range.clone()].to_vec()));
         let series = self.series.iter().map(of).collect();
         Self { series, start: self.start, ..Self::new(self.mechanism, self.t[range.clone()].to_vec()) }
     }
@@ -185,7 +191,7 @@ impl Signals {
         }
         self.t.extend(later.t);
         for ((_, own), (_, later)) in self.series.iter_mut().zip(later.series) {
-            own.extend(later);
+            Arc::make_mut(own).extend(later.iter());
         }
     }
 
@@ -198,7 +204,7 @@ impl Signals {
             let rest = own.split_off(count);
             std::mem::replace(own, rest)
         };
-        let series = self.series.iter_mut().map(|(channel, own)| (*channel, front(own))).collect();
+        let series = self.series.iter_mut().map(|(channel, own)| (*channel, Arc::new(front(Arc::make_mut(own))))).collect();
         Self { series, start: self.start, ..Self::new(self.mechanism, front(&mut self.t)) }
     }
 
