@@ -19,6 +19,9 @@ const RESOLVED: f64 = 0.03;
 const SLOW: f64 = 4e-3;
 /// Time, s, during which a lone axis that stands does not move.
 const STANDING: f64 = 0.3;
+/// Time, s, or two sampling periods if that is more, during which an axis that is read at unequal times and sticks moves by
+/// one resolution at most: the sign of a slower rate is not determined.
+const STICKING: f64 = 0.05;
 /// Movement, in resolutions of the angle, up to which an axis stands; the resolution is at least a share of its travel.
 const STILL: (f64, f64) = (3.0, 1e-5);
 /// Duration of means, s, whose differences still show noise only: a torque is smooth over a few of them.
@@ -392,13 +395,20 @@ fn moving<'a>(
     let (low, high) = angles.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
     let still = STILL.0 * resolution.max(STILL.1 * (high - low));
     let is_uneven = !signals.stretches().iter().all(|s| is_even(&signals.t[s.clone()], signals.sample_time()));
-    let window = (STANDING / signals.sample_time()).round().max(2.0) as usize;
+    let samples = |time: f64| (time / signals.sample_time()).round().max(2.0) as usize;
+    let (window, short) = (samples(STANDING), samples(STICKING));
     let of = |piece: &Range<usize>| -> Vec<Range<usize>> {
         let mut moves = vec![true; piece.len()];
         for start in piece.start..piece.end.saturating_sub(window) {
             let near = |k: usize| (angle(k) - angle(start)).abs() <= still;
             if (start..=start + window).all(near) {
                 moves[start - piece.start..=start + window - piece.start].fill(false);
+            }
+        }
+        for start in (piece.start..piece.end.saturating_sub(short)).filter(|_| is_uneven) {
+            let near = |k: usize| (angle(k) - angle(start)).abs() <= 1.01 * resolution;
+            if (start..=start + short).all(near) {
+                moves[start + 1 - piece.start..start + short - piece.start].fill(false);
             }
         }
         let long = |run: &Range<usize>| is_uneven || run.len() > 2 * MIN_HALF_WIDTH;
