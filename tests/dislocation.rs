@@ -621,3 +621,41 @@ fn a_run_without_contacts_has_none_and_takes_no_objects() {
     let report = run(&alone).unwrap().1;
     assert!(!of_kind(&report, EventKind::Dislocation).is_empty() && of_kind(&report, EventKind::Contact).is_empty());
 }
+
+/// Struts of 12 g whose cups lie on their balls when a socket opens: the overlap is no spring that was stretched. Of the work
+/// turned over, a fifth was unaccounted for where it was one.
+#[test]
+fn light_struts_that_come_loose_keep_their_energy() {
+    const BREAK: &str = r#"
+model = "linear-delta.toml"
+duration = 0.4
+seed = 1
+noise = false
+substeps = 2
+[motion]
+kind = "random_fourier"
+seed = 1
+frequency = 0.22
+harmonics = 8
+share = 0.8
+[payload]
+mass = 1.1
+com = [0.068, 0.0, 0.0]
+inertia_zz = 0.001
+[sockets]
+armed = true
+"#;
+    let file = crate::common::shipped("models/break.toml");
+    let machine = crate::common::model("linear-delta");
+    for substeps in [2, 8] {
+        let text = BREAK.replace("substeps = 2", &format!("substeps = {substeps}"));
+        let scenario = deltatwin_io::scenario::parse(&text, &file).unwrap();
+        let (motion, plant) = (scenario.motion(&machine).unwrap(), Plant::new(&machine, &scenario.setup));
+        let options = Options { contacts: Some(deltatwin_cell::contacts), ..Options::of(&scenario, &machine) };
+        let desired = |t: f64| motion.at(t);
+        let (_, report) = simulate(&machine, &scenario.setup, &plant, &desired, &options, &mut |_| true).unwrap();
+        let lost = of_kind(&report, EventKind::Dislocation).len();
+        println!("{substeps} substeps: {lost} sockets, {:.2e} of the work", report.energy_error);
+        assert!(lost >= 6 && report.energy_error < 0.01, "{substeps}: {lost} {:e}", report.energy_error);
+    }
+}

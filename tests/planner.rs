@@ -8,6 +8,7 @@ use std::path::Path;
 use deltatwin::constraint_forces::{Detail, constraint_forces};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::effects::ActiveEffect;
+use deltatwin::kinematics::JointState;
 use deltatwin::machine::{Payload, Setup};
 use deltatwin::model::Model;
 use deltatwin::planner::jerk::Sequence;
@@ -550,6 +551,74 @@ fn limited_strut_forces_keep_the_sockets_closed() {
     assert!(fast < slow && torn.events.iter().any(|e| e.kind.name() == "dislocation"), "{}", torn.peak_strut);
 }
 
+/// Pick and place of robots without a telescope, whose arms turn or slide: within the limits as planned and as the twin executes
+/// it, and a path that turns the gripper is refused.
+#[test]
+fn robots_without_a_telescope_are_planned_and_executed() {
+    for (name, height, strut) in [("clavel-delta", -0.95, 120.0), ("linear-delta", -0.25, 9.0)] {
+        let model = common::model(name);
+        let reach = 0.4 * model.geometry.base_radius;
+        let path = |psi: f64| {
+            Shape::arch([0.0, -reach, height, 0.0], [0.0, reach, height, psi], 0.1 * reach, 0.05 * reach, 0.1)
+        };
+        let setup = Setup { payload: Payload::new(0.3, [0.0, 0.0, -0.02], 1e-4), ..Setup::default() };
+        let plant = Plant::new(&model, &setup);
+        let limits = Limits { strut_upper: strut, strut_lower: strut, ..Limits::of(&model) };
+        let machine = Machine::new(&plant, limits.detail);
+        let found = plan(&machine, &path(0.0).curve(), &limits, &QUICK).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let planned = trajectory(&machine, &found, &setup, model.sample_time, "arch").unwrap();
+        assert_eq!(planned.signals.mechanism, model.mechanism);
+        let execution = execute(&model, &plant, &planned, None).unwrap();
+        println!("{name}: {:.4} s, struts up to {:.1} N, {:?}", found.time, execution.peak_strut, execution.torque);
+        assert!(execution.is_within(&limits), "{name}: {:?} {:?}", execution.violations(&limits), execution.events);
+        assert!(execution.peak_strut > 0.3 * strut, "{name}: {} N", execution.peak_strut);
+        let turned = plan(&machine, &path(0.5).curve(), &limits, &QUICK).map(drop).unwrap_err().to_string();
+        assert!(turned.contains("no axis that turns the end effector: expected ψ = 0"), "{name}: {turned}");
+    }
+}
+
+/// The multipliers of robots without a telescope are the torques of the inverse dynamics, and the strut forces that the twin in
+/// absolute coordinates records, another formulation.
+#[test]
+fn robots_without_a_telescope_have_the_constraint_forces_of_the_twin() {
+    for name in ["clavel-delta", "linear-delta"] {
+        let model = common::model(name);
+        let mut scenario =
+            deltatwin_io::scenario::read(&common::shipped(format!("scenarios/{name}.toml"))).expect("a scenario");
+        (scenario.duration, scenario.noise) = (0.4, false);
+        scenario.formulation = deltatwin::scenario::Formulation::Absolute;
+        let sensors = &mut scenario.sensors;
+        (sensors.strut_upper, sensors.strut_lower) = ([true; 6], [true; 6]);
+        (sensors.velocity, sensors.acceleration) = (true, true);
+        let plant = Plant::new(&model, &scenario.setup);
+        let motion = scenario.motion(&model).unwrap();
+        let options = deltatwin::twin::Options::of(&scenario, &model);
+        let run =
+            deltatwin::twin::simulate(&model, &scenario.setup, &plant, &|t| motion.at(t), &options, &mut |_| true);
+        let signals = run.unwrap().0.signals;
+        let (qd, qdd) = (signals.rows(Channel::Rate), signals.rows(Channel::Acceleration));
+        let mut worst = [0.0f64; 2];
+        for k in (0..signals.len()).step_by(10) {
+            let joints = JointState { q: signals.q().at(k), qd: qd.at(k), qdd: qdd.at(k) };
+            let pose = plant.motion(&joints).unwrap();
+            let own = plant.steady_states(signals.t[k], &pose);
+            let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
+            let forces = constraint_forces(&plant, signals.t[k], &pose, &states, Detail::Complete).unwrap();
+            let inverse = inverse_dynamics(&plant, signals.t[k], &pose, &states, true).unwrap();
+            for i in 0..3 {
+                worst[0] = worst[0].max((forces.lambda_a[i] - inverse.tau[i]).abs());
+            }
+            for s in 0..6 {
+                let recorded = [signals[Channel::StrutUpper(s)][k], signals[Channel::StrutLower(s)][k]];
+                let found = [forces.lambda_s[s], forces.lambda_p[s]];
+                worst[1] = (0..2).fold(worst[1], |most, end| most.max((recorded[end] - found[end]).abs()));
+            }
+        }
+        println!("{name}: torques {:.1e}, struts {:.1e}", worst[0], worst[1]);
+        assert!(worst[0] < 1e-9 && worst[1] < 1e-6, "{name}: {worst:?}");
+    }
+}
+
 #[test]
 fn a_table_of_a_plan_is_consistent() {
     let UTurn { plant, curve, limits, setup, .. } = UTurn::new();
@@ -637,7 +706,7 @@ fn answer(seed: u64, model: &Model) -> Answer {
             Ok(point) if point.check(&plant.geometry).is_ok() => wrong(format!("nothing is wrong at {s}")),
             _ => Answer::Refused,
         },
-        Err(PlanError::AtRest { limit, s, value, usable }) => {
+        Err(PlanError::AtRest { limit, s, value, usable, .. }) => {
             // At rest or creeping.
             let point = PathPoint::new(&plant.geometry, &curve, s).unwrap();
             let load = [0.0, 0.05].map(|speed| {

@@ -202,16 +202,13 @@ impl Repeats {
         };
         table.push("channel", "", text(&|s| s.channel.to_string()));
         table.push("unit", "", text(&|s| s.channel.unit(s.mechanism).to_string()));
-        let columns: [(&str, fn(&deltatwin::evidence::repeats::Parts) -> f64); 6] = [
-            ("residual", |p| p.rms),
-            ("repeats", |p| p.repeats.0),
-            ("repeats_std", |p| p.repeats.1),
-            ("noise", |p| p.noise.0),
-            ("noise_std", |p| p.noise.1),
-            ("drift", |p| p.drift),
-        ];
-        for (name, of) in columns {
-            table.push(name, "", Series::Float(self.shares.iter().map(|s| of(&s.parts)).collect()));
+        let names = ["residual", "repeats", "repeats_std", "noise", "noise_std", "drift"];
+        let numbers = |s: &identification::repeats::Share| {
+            let p = &s.parts;
+            [p.rms, p.repeats.0, p.repeats.1, p.noise.0, p.noise.1, p.drift]
+        };
+        for (k, name) in names.into_iter().enumerate() {
+            table.push(name, "", Series::Float(self.shares.iter().map(|s| numbers(s)[k]).collect()));
         }
         table
     }

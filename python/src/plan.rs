@@ -5,6 +5,7 @@ use std::sync::OnceLock;
 use std::time::Instant;
 
 use deltatwin::dynamics::Plant;
+use deltatwin::machine::Mechanism;
 use deltatwin::planner::trajectory::trajectory;
 use deltatwin::planner::{self, Limits, Machine, Options, PlanError};
 use deltatwin_io::outside::Access;
@@ -86,8 +87,8 @@ pub fn plan(
     tighten: bool,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Plan> {
-    if !model.inner.assembled || model.dof() != 4 {
-        return Err(errors::model_error(py, "expected an assembled robot with four axes"));
+    if !model.inner.assembled || !matches!(model.inner.mechanism, Mechanism::Delta { .. }) {
+        return Err(errors::model_error(py, "expected an assembled robot"));
     }
     let own = model.inner.clone();
     let limits = Limits::of(&own);

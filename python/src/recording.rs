@@ -169,14 +169,10 @@ impl Recording {
             }
         };
         let mut signals = Signals::new(mechanism, Vec::new());
-        let families: [(fn(usize) -> Channel, Option<&Bound<'_, PyAny>>); 4] = [
-            (Channel::Angle, Some(q)),
-            (Channel::Torque, Some(tau)),
-            (Channel::Rate, qd),
-            (Channel::Acceleration, qdd),
-        ];
-        for (of, object) in families {
-            let (Some(object), name) = (object, of(0).family().name) else { continue };
+        let first = [Channel::Angle(0), Channel::Torque(0), Channel::Rate(0), Channel::Acceleration(0)];
+        for (channel, object) in first.into_iter().zip([Some(q), Some(tau), qd, qdd]) {
+            let (Some(object), family) = (object, channel.family()) else { continue };
+            let (of, name) = (family.of, family.name);
             let columns = py.import("numpy")?.call_method1("reshape", (object, (-1, axes)))?;
             let rows = Rows::of(&columns, name, axes)?;
             if rows.len != n {

@@ -37,33 +37,33 @@ fn handed_on(motion: &Motion, force: &Vector3<f64>, moment: &Vector3<f64>, torqu
 }
 
 impl Statics {
-    /// Equilibrium equations for loads of the given detail.
+    /// Equilibrium equations of `plant` for loads of the given detail. Without a telescope the end effector is fixed to the
+    /// platform: λ_TB is the moment about its axis that the platform takes.
     ///
     /// # Errors
     /// [`KinematicsError::Singular`] if the struts do not determine the platform's pose.
-    pub fn of(motion: &Motion, detail: Detail) -> Result<Self, KinematicsError> {
-        Self::new(
-            motion,
-            match detail {
-                Detail::Reduced => (Vector3::zeros(), Vector3::z()),
-                Detail::Complete => handed_on(motion, &Vector3::zeros(), &Vector3::zeros(), 1.0),
-            },
-        )
+    pub fn of(plant: &Plant, motion: &Motion, detail: Detail) -> Result<Self, KinematicsError> {
+        let turns = detail == Detail::Complete && plant.mechanism.has_telescope();
+        let drive = match turns {
+            true => handed_on(motion, &Vector3::zeros(), &Vector3::zeros(), 1.0),
+            false => (Vector3::zeros(), motion.bodies[END_EFFECTOR].rotation.column(2).into_owned()),
+        };
+        let mut statics = Self::new(motion, drive)?;
+        (statics.detail, statics.turns) = (detail, turns);
+        Ok(statics)
     }
-}
 
-impl Loads {
     /// Loads of `wrenches` on the bodies (applied minus inertial, about their origins, inertial axes).
     ///
     /// In the reduced detail the wrenches on rotor and telescope are omitted.
-    pub fn new(motion: &Motion, wrenches: &[Twist; BODIES], detail: Detail) -> Self {
-        let mut loads = Self {
+    pub fn loads(&self, motion: &Motion, wrenches: &[Twist; BODIES]) -> Loads {
+        let mut loads = Loads {
             end_effector: wrenches[END_EFFECTOR],
             platform: wrenches[PLATFORM],
             struts: std::array::from_fn(|s| wrenches[STRUT + s].0.dot(&motion.strut_axis[s])),
             arms: std::array::from_fn(|i| motion.drive(i).1.effort(&wrenches[ARM + i])),
         };
-        if detail == Detail::Reduced {
+        if self.detail == Detail::Reduced {
             return loads;
         }
         for s in 0..STRUTS {
@@ -76,6 +76,9 @@ impl Loads {
             loads.platform.1 += ball.cross(&lower);
             let lever = body.position - motion.bodies[ARM + s / 2].position;
             loads.arms[s / 2] += motion.drive(s / 2).1.effort(&(upper, lever.cross(&upper)));
+        }
+        if !self.turns {
+            return loads;
         }
         let (force, moment) = wrenches[TELESCOPE_LOWER];
         let moment = moment + wrenches[TELESCOPE_UPPER].1;
@@ -117,7 +120,7 @@ pub fn constraint_forces(
     states: &[&[f64]],
     detail: Detail,
 ) -> Result<Multipliers, KinematicsError> {
-    let statics = Statics::of(motion, detail)?;
-    let solve = |wrenches: &[Twist; BODIES]| statics.solve(&Loads::new(motion, wrenches, detail));
+    let statics = Statics::of(plant, motion, detail)?;
+    let solve = |wrenches: &[Twist; BODIES]| statics.solve(&statics.loads(motion, wrenches));
     borne(plant, t, motion, states, rigid_loads(plant, t, motion, detail), solve)
 }

@@ -15,7 +15,7 @@ pub use statics::{Loads, Statics};
 
 use crate::dynamics::{Borne, Output};
 use crate::kinematics::Reactions;
-use crate::machine::{ARMS, STRUTS};
+use crate::machine::{ARMS, Mechanism, STRUTS, Unit};
 use crate::numerics::worst;
 
 /// Number of multipliers and of reduced velocities.
@@ -60,9 +60,19 @@ impl Multipliers {
         })
     }
 
+    /// Indices, in the order of [`Multipliers::to_array`], of those that a machine has: without a telescope nothing turns on
+    /// the platform.
+    pub fn of(machine: Mechanism) -> std::ops::Range<usize> {
+        if machine.has_telescope() { 0..MULTIPLIERS } else { 6..MULTIPLIERS }
+    }
+
     /// Unit of multiplier `k`, in the order of [`Multipliers::to_array`].
-    pub fn unit(k: usize) -> &'static str {
-        if k < 2 || k == 5 || k >= 18 { "N·m" } else { "N" }
+    pub fn unit(machine: Mechanism, k: usize) -> Unit {
+        match k {
+            0 | 1 | 5 => Unit::NM,
+            2..18 => Unit::N,
+            _ => machine.unit(Unit::NM),
+        }
     }
 
     /// Drive torques and strut forces.

@@ -6,7 +6,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use super::{MULTIPLIERS, Multipliers};
+use super::{Detail, MULTIPLIERS, Multipliers};
 use crate::dynamics::Twist;
 use crate::kinematics::{KinematicsError, Motion};
 use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT};
@@ -28,6 +28,10 @@ pub struct Loads {
 /// Geometry of the reduced constraints at a pose.
 #[derive(Clone, Debug)]
 pub struct Statics {
+    /// Detail of the loads.
+    pub(super) detail: Detail,
+    /// Whether loads on rotor and telescope reach the end effector.
+    pub(super) turns: bool,
     /// Axes of the end effector.
     rotation: Matrix3<f64>,
     /// Flange centre relative to the ball centre, m.
@@ -65,6 +69,8 @@ impl Statics {
         let singular = || KinematicsError::Singular { q: [motion.q[0], motion.q[1], motion.q[2]] };
         let invert = |columns: &[Vector3<f64>; ARMS]| Matrix3::from_columns(columns).try_inverse().ok_or_else(singular);
         Ok(Self {
+            detail: Detail::Complete,
+            turns: true,
             rotation: end_effector.rotation,
             flange: end_effector.position - platform.position,
             drive,

@@ -59,8 +59,8 @@ fn block_elimination_solves_the_dense_system() {
     let plant = plant(irb360());
     for motion in motions(&plant, 100) {
         for detail in [Detail::Reduced, Detail::Complete] {
-            let statics = Statics::of(&motion, detail).unwrap();
-            let loads = Loads::new(&motion, &rigid_loads(&plant, 0.0, &motion, detail), detail);
+            let statics = Statics::of(&plant, &motion, detail).unwrap();
+            let loads = statics.loads(&motion, &rigid_loads(&plant, 0.0, &motion, detail));
             let dense = statics.jacobian().transpose().lu().solve(&loads.to_vector(&statics)).unwrap();
             let block = statics.solve(&loads).to_array();
             let error = distance(&block, dense.as_slice()) / dense.amax();

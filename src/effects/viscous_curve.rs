@@ -22,7 +22,8 @@ const SPEED: usize = 4;
 const SMOOTH: f64 = 0.005;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter::new("torque", Unit::NM, Role::Linear, 2.0, (0.0, 12.0)).counted(Count::PerArm),
+    // Friction at slower speeds, extrapolated to w: 50 N·m at 2.7 rad/s and β = 4 are 1e4 N·m.
+    Parameter::new("torque", Unit::NM, Role::Linear, 2.0, (0.0, 1e4)).counted(Count::PerArm),
     Parameter::new("exponent", Unit::One, Role::Shape, 0.5, (0.1, 4.0)),
     Parameter::new("knee", Unit::One, Role::Shape, 0.3, (0.005, 5.0)),
     // 0 or 1.

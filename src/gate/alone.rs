@@ -298,7 +298,7 @@ impl Alone<'_> {
             axis + 1,
             significant(step, 3),
             Channel::Torque(axis).unit(self.dataset.mechanism),
-            range(&tau) / step
+            range(tau) / step
         );
         Some(self.finding(axis, Problem::Quantised, sentence, Remedy::Words("more digits in the recording")))
     }

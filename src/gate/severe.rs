@@ -29,6 +29,8 @@ const CARRIED: f64 = 0.3;
 const MIN_CORRELATION: f64 = 0.95;
 /// Correlation sufficient for slopes outside the range that effects cause, and that range.
 const SUFFICIENT_FAR: (f64, std::ops::Range<f64>) = (0.8, 0.2..5.0);
+/// Largest share of a torque that its factor, unless it is far, may leave unexplained.
+const MOST_UNEXPLAINED: f64 = 0.2;
 /// Absolute correlation from which a negative slope is a sign error.
 const SIGN: f64 = 0.6;
 /// Decrease of the cost required for another arrangement, and correlation required of every arm in it.
@@ -193,7 +195,9 @@ impl Context<'_> {
         let sign = if line.slope < 0.0 && line.correlation < -SIGN { -1.0 } else { 1.0 };
         let size = line.slope.abs();
         let certain = if SUFFICIENT_FAR.1.contains(&size) { MIN_CORRELATION } else { SUFFICIENT_FAR.0 };
-        if (SLOPE.0..SLOPE.1).contains(&size) || line.correlation.abs() < certain {
+        // A factor scales the weight as well as the inertia, so the line passes through the origin.
+        let offset = SUFFICIENT_FAR.1.contains(&size) && line.unexplained > MOST_UNEXPLAINED;
+        if (SLOPE.0..SLOPE.1).contains(&size) || line.correlation.abs() < certain || offset {
             return sign;
         }
         if self.is_whole(axis) {

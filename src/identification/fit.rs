@@ -82,7 +82,7 @@ pub struct Options<'a> {
 pub struct Fit {
     /// The model with estimated parameters.
     pub model: Model,
-    /// Estimated parameters, in the order of [`Plant::parameters`] without fixed ones.
+    /// Estimated parameters, in the order of [`Plant::parameters`](crate::dynamics::Plant::parameters) without fixed ones.
     pub parameters: Vec<Estimate>,
     /// Their covariance, with that of directions that the data do not determine.
     pub covariance: DMatrix<f64>,

@@ -7,7 +7,7 @@
 
 use super::PathPoint;
 use super::limits::{LOADS, forces};
-use crate::constraint_forces::{Detail, Loads, Multipliers, Statics, rigid_loads};
+use crate::constraint_forces::{Detail, Multipliers, Statics, rigid_loads};
 use crate::dynamics::{Plant, STILL, Twist, add_effects, reads_loads};
 use crate::kinematics::{KinematicsError, Motion};
 use crate::machine::AXES;
@@ -71,7 +71,7 @@ impl<'a> Machine<'a> {
     pub fn coefficients(&self, point: &PathPoint, reference: Reference) -> Result<Coefficients, KinematicsError> {
         let geometry = &self.plant.geometry;
         let unit = point.unit_acceleration(geometry);
-        let solver = Solver::new(&unit, self.detail)?;
+        let solver = Solver::new(self.plant, &unit, self.detail)?;
         let a = solver.rigid(&self.weightless, &unit);
         let pace = point.motion(geometry, 1.0, 0.0);
         let b = solver.rigid(&self.weightless, &pace);
@@ -97,7 +97,7 @@ impl<'a> Machine<'a> {
                 let rigid = rigid_loads(self.plant, 0.0, &here, Detail::Complete);
                 for _ in 0..LOAD_ITERATIONS {
                     let wrenches = laws(&here, loads.as_ref(), rigid)?;
-                    loads = Some(solver.complete.solve(&Loads::new(&here, &wrenches, Detail::Complete)));
+                    loads = Some(solver.complete.solve(&solver.complete.loads(&here, &wrenches)));
                 }
             }
             let [now, next] = [&here, &ahead].map(|motion| {
@@ -143,28 +143,28 @@ struct Solver {
 }
 
 impl Solver {
-    fn new(motion: &Motion, detail: Detail) -> Result<Self, KinematicsError> {
-        let reduced = (detail == Detail::Reduced).then(|| Statics::of(motion, Detail::Reduced)).transpose()?;
-        Ok(Self { complete: Statics::of(motion, Detail::Complete)?, reduced })
+    fn new(plant: &Plant, motion: &Motion, detail: Detail) -> Result<Self, KinematicsError> {
+        let reduced = (detail == Detail::Reduced).then(|| Statics::of(plant, motion, Detail::Reduced)).transpose()?;
+        Ok(Self { complete: Statics::of(plant, motion, Detail::Complete)?, reduced })
     }
 
     fn solve(&self, motion: &Motion, wrenches: &[Twist; BODIES]) -> [f64; LOADS] {
-        let complete = self.complete.solve(&Loads::new(motion, wrenches, Detail::Complete));
+        let complete = self.complete.solve(&self.complete.loads(motion, wrenches));
         match &self.reduced {
             None => join(&complete, &complete),
-            Some(statics) => join(&complete, &statics.solve(&Loads::new(motion, wrenches, Detail::Reduced))),
+            Some(statics) => join(&complete, &statics.solve(&statics.loads(motion, wrenches))),
         }
     }
 
     /// Torques and constraint forces due to inertia and weight alone.
     fn rigid(&self, plant: &Plant, motion: &Motion) -> [f64; LOADS] {
         let wrenches = rigid_loads(plant, 0.0, motion, Detail::Complete);
-        let complete = self.complete.solve(&Loads::new(motion, &wrenches, Detail::Complete));
+        let complete = self.complete.solve(&self.complete.loads(motion, &wrenches));
         match &self.reduced {
             None => join(&complete, &complete),
             Some(statics) => {
                 let wrenches = rigid_loads(plant, 0.0, motion, Detail::Reduced);
-                join(&complete, &statics.solve(&Loads::new(motion, &wrenches, Detail::Reduced)))
+                join(&complete, &statics.solve(&statics.loads(motion, &wrenches)))
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Limits on a motion along a path, (35)–(37) of the paper.
 
 use crate::constraint_forces::{Detail, Multipliers};
-use crate::machine::{AXES, STRUTS};
+use crate::machine::{AXES, Drive, Mechanism, STRUTS, Unit};
 use crate::model::Model;
 
 /// Number of limited quantities affine in s̈: accelerations, torques, λ_E, λ_P, λ_S.
@@ -51,13 +51,17 @@ impl Limits {
         detail: Detail::Complete,
     };
 
-    /// Limits of the drives of `model`; none on constraint forces.
+    /// Limits of the drives of `model`; none on constraint forces, nor of an axis that the machine does not have.
     pub fn of(model: &Model) -> Self {
+        let axes = model.mechanism.axes();
+        let of = |limit: fn(&Drive) -> f64| {
+            std::array::from_fn(|i| if i < axes { limit(&model.drives[i]) } else { f64::INFINITY })
+        };
         Self {
-            speed: model.drives.map(|d| d.max_speed),
-            acceleration: model.drives.map(|d| d.max_acceleration),
-            jerk: model.drives.map(|d| d.max_jerk),
-            torque: model.drives.map(|d| d.max_torque),
+            speed: of(|d| d.max_speed),
+            acceleration: of(|d| d.max_acceleration),
+            jerk: of(|d| d.max_jerk),
+            torque: of(|d| d.max_torque),
             ..Self::NONE
         }
     }
@@ -123,14 +127,15 @@ impl Limit {
         }
     }
 
-    /// Unit of the limited value.
-    pub fn unit(self) -> &'static str {
+    /// Unit of the limited value on a machine.
+    pub fn unit(self, machine: Mechanism) -> Unit {
         match self {
-            Self::Speed(_) => "rad/s",
-            Self::Acceleration(_) => "rad/s²",
-            Self::Jerk(_) => "rad/s³",
-            Self::Torque(_) | Self::LambdaE(0 | 1) => "N·m",
-            _ => "N",
+            Self::Speed(_) => machine.unit(Unit::RadPerS),
+            Self::Acceleration(_) => machine.unit(Unit::RadPerS2),
+            Self::Jerk(_) => machine.unit(Unit::RadPerS3),
+            Self::Torque(_) => machine.unit(Unit::NM),
+            Self::LambdaE(0 | 1) => Unit::NM,
+            _ => Unit::N,
         }
     }
 }

@@ -38,7 +38,7 @@ pub use shape::Shape;
 
 use thiserror::Error;
 
-use crate::machine::Setup;
+use crate::machine::{Setup, Unit};
 
 /// Contents of a path file.
 #[derive(Clone, Debug)]
@@ -81,7 +81,7 @@ pub enum PlanError {
     /// A limit is exceeded even at rest.
     #[error(
         "no motion keeps {limit} at s = {s:.4}: at rest it is {value:.3} {} of {usable:.3} {} that may be used",
-        .limit.unit(), .limit.unit()
+        .unit, .unit
     )]
     AtRest {
         /// The limit.
@@ -92,6 +92,8 @@ pub enum PlanError {
         value: f64,
         /// Usable value.
         usable: f64,
+        /// Unit of both.
+        unit: Unit,
     },
     /// The limits permit no motion through a place.
     #[error("the limits leave no motion through s = {s:.4}")]

@@ -29,6 +29,12 @@ pub enum PlaceError {
     /// The pose is impossible or outside the limits of joints and telescope.
     #[error("{0}")]
     Pose(KinematicsError),
+    /// The path turns the end effector of a robot that cannot.
+    #[error("ψ is {psi:.3} rad, but the robot has no axis that turns the end effector: expected ψ = 0")]
+    Turned {
+        /// ψ, rad.
+        psi: f64,
+    },
     /// An arm and its struts are almost collinear.
     #[error("arm {} and its struts are almost in line: sine of their angle {sine:.3}, at least {least}", .arm + 1)]
     Stretched {
@@ -71,6 +77,9 @@ impl PathPoint {
     /// [`PlaceError`] with the exceeded limit of joints or telescope, or the singularity that is too close.
     pub fn check(&self, geometry: &Geometry) -> Result<(), PlaceError> {
         let position = self.r[0].xyz();
+        if !geometry.has_telescope() && self.r[0][3] != 0.0 {
+            return Err(PlaceError::Turned { psi: self.r[0][3] });
+        }
         geometry.check_limits(&self.q[0], &position).map_err(PlaceError::Pose)?;
         let mut axes = Matrix3::zeros();
         for arm in 0..ARMS {

@@ -408,7 +408,16 @@ impl<'a> Search<'a> {
                     let used = value.abs() / usable;
                     if used > allowed && worst.as_ref().is_none_or(|w| used > w.0) {
                         let limit = Limit::affine(AXES + k);
-                        worst = Some((used, PlanError::AtRest { limit, s, value, usable }));
+                        worst = Some((
+                            used,
+                            PlanError::AtRest {
+                                limit,
+                                s,
+                                value,
+                                usable,
+                                unit: limit.unit(self.machine.plant().mechanism),
+                            },
+                        ));
                     }
                 }
             }

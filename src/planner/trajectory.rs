@@ -48,9 +48,10 @@ pub fn trajectory(
         lower.push(loads.reactions.lower);
     }
     let mut out = Signals::new(machine.plant().mechanism, times);
-    let axes: [(fn(usize) -> Channel, _); 4] =
-        [(Channel::Angle, q), (Channel::Rate, qd), (Channel::Acceleration, qdd), (Channel::Torque, tau)];
-    axes.iter().for_each(|(of, rows)| out.set_rows(*of, rows));
+    out.set_rows(Channel::Angle, &q);
+    out.set_rows(Channel::Rate, &qd);
+    out.set_rows(Channel::Acceleration, &qdd);
+    out.set_rows(Channel::Torque, &tau);
     out.set_rows(Channel::StrutUpper, &upper);
     out.set_rows(Channel::StrutLower, &lower);
     out.set_rows(Channel::EndEffector, &ee);

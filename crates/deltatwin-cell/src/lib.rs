@@ -24,7 +24,7 @@ mod world;
 
 use deltatwin::cell::{CellError, Mobility, Object, Surface, check};
 use deltatwin::kinematics::{Motion, SocketSet};
-use deltatwin::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, body_name};
+use deltatwin::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, body_name};
 use deltatwin::machine::{Bodies, Geometry, Inertia};
 use deltatwin::scenario::PayloadShape;
 use deltatwin::twin::{ContactBody, ContactWork, Contacts, Held, Resistance, Surroundings, Touch, Twist};
@@ -93,6 +93,11 @@ pub struct Cell {
     touches: Vec<Touch>,
     deepest: Option<(Touch, f64)>,
     points: Vec<Point>,
+    /// Sockets that were closed at the last call of `near`.
+    closed: Option<SocketSet>,
+    /// Pairs that overlapped when a socket opened between them or bared one, with the depth from which their contact counts,
+    /// m: ball and cup lie in each other, and the least depth since then has no force.
+    bared: Vec<((Collider, Collider), f64)>,
     /// Pairs whose contact points were computed so far.
     queries: usize,
 }
@@ -174,6 +179,8 @@ impl Cell {
             touches: Vec::new(),
             deepest: None,
             points: Vec::new(),
+            closed: None,
+            bared: Vec::new(),
             queries: 0,
         })
     }
@@ -181,13 +188,42 @@ impl Cell {
     /// Takes the masses of the robot's `bodies` for the length of its steps; without them all are struts. The end
     /// effector moves with the platform.
     fn weigh(&mut self, bodies: &Bodies) {
+        // Some models do not state the masses of bodies that enter the dynamics by their moments alone.
+        let least = match CORNER * bodies[STRUT].mass {
+            strut if strut > 0.0 => strut,
+            _ => STRUT_END_MASS,
+        };
         for (body, mass) in self.masses.iter_mut().enumerate() {
             let own = match body {
                 PLATFORM | END_EFFECTOR => bodies[PLATFORM].mass + bodies[END_EFFECTOR].mass,
                 _ => bodies[body].mass,
             };
-            *mass = (CORNER * own).max(STRUT_END_MASS);
+            *mass = (CORNER * own).max(least);
         }
+    }
+
+    /// Notes the pairs that overlap because a socket has opened since the last call, and how far those known have parted.
+    fn bare(&mut self, motion: &Motion, closed: SocketSet) {
+        let Self { world, robot, neighbours, points, bared, .. } = self;
+        let before = self.closed.replace(closed).filter(|before| *before != closed);
+        if before.is_none() && bared.is_empty() {
+            return;
+        }
+        if let Some(before) = before {
+            neighbours.look(world, robot, motion, before, 0.0);
+            let known = neighbours.pairs.clone();
+            neighbours.look(world, robot, motion, closed, 0.0);
+            let new = neighbours.pairs.iter().filter(|pair| !known.contains(pair));
+            bared.extend(new.map(|pair| (*pair, f64::INFINITY)));
+        }
+        bared.retain_mut(|((first, second), least)| {
+            points.clear();
+            if let (Some(a), Some(b)) = (robot.placed(world, *first, motion), robot.placed(world, *second, motion)) {
+                a.hull.contacts(&a.at, b.hull, &b.at, points);
+            }
+            *least = points.iter().map(|p| p.depth).fold(0.0, f64::max).min(*least);
+            *least > 0.0
+        });
     }
 
     /// Checks that the robot penetrates no object by more than 1 mm at the start.
@@ -259,6 +295,7 @@ fn quickness(object: &Object) -> f64 {
 
 impl Contacts for Cell {
     fn near(&mut self, motion: &Motion, closed: SocketSet, horizon: f64) -> bool {
+        self.bare(motion, closed);
         let Self { world, robot, neighbours, masses, quickest, loose, .. } = self;
         let travel = |speed: f64| speed * horizon + 0.5 * ACCELERATION * horizon * horizon;
         let extents = robot.extents();
@@ -327,6 +364,10 @@ impl Contacts for Cell {
             *queries += 1;
             points.clear();
             link.hull.contacts(&link.at, hull, &at, points);
+            if let Some((_, least)) = self.bared.iter().find(|(pair, _)| *pair == (first, second)) {
+                points.iter_mut().for_each(|p| p.depth -= least);
+                points.retain(|p| p.depth > 0.0);
+            }
             let loads = press(points, &surface, &link.at, &at, &belt);
             if loads.normal <= 0.0 {
                 continue;

@@ -33,10 +33,10 @@ struct Document {
 #[serde(deny_unknown_fields, default)]
 struct LimitKeys {
     margin: Option<Spanned<f64>>,
-    speed: Option<Spanned<[f64; AXES]>>,
-    acceleration: Option<Spanned<[f64; AXES]>>,
-    jerk: Option<Spanned<[f64; AXES]>>,
-    torque: Option<Spanned<[f64; AXES]>>,
+    speed: Option<Spanned<Vec<f64>>>,
+    acceleration: Option<Spanned<Vec<f64>>>,
+    jerk: Option<Spanned<Vec<f64>>>,
+    torque: Option<Spanned<Vec<f64>>>,
     bearing_moment: Option<Spanned<f64>>,
     bearing_force: Option<Spanned<f64>>,
     strut_lower: Option<Spanned<f64>>,
@@ -143,8 +143,23 @@ fn parse_with(text: &str, path: &Path, given: Limits, access: Access) -> Result<
 }
 
 fn limits(file: &Source, keys: &LimitKeys, given: Limits) -> Checked<Limits> {
-    let axes = |key: &str, value: &Option<Spanned<[f64; AXES]>>, default: [f64; AXES], most: f64, unit: &str| {
-        value.as_ref().map_or(Ok(default), |v| file.numbers(&format!("limits.{key}"), v, Interval(1e-3, most, unit)))
+    // An axis that the model does not have is not limited.
+    let own = match given.torque.iter().filter(|limit| limit.is_finite()).count() {
+        0 => AXES,
+        own => own,
+    };
+    let axes = |key: &str, value: &Option<Spanned<Vec<f64>>>, default: [f64; AXES], most: f64, unit: &str| {
+        let Some(value) = value else { return Ok(default) };
+        let key = format!("limits.{key}");
+        let mut limit = file.per_axis(&key, value, Interval(1e-3, most, unit))?;
+        let count = value.get_ref().len();
+        if count != own {
+            return Err(
+                file.problem(value.span(), format!("`{key}` has {count} numbers; expected {own}, one per axis"))
+            );
+        }
+        limit[own..].fill(f64::INFINITY);
+        Ok(limit)
     };
     let force = |key: &str, value: &Option<Spanned<f64>>, unit: &str| {
         file.optional(&format!("limits.{key}"), value, f64::INFINITY, Interval(1e-3, 1e6, unit))
@@ -323,6 +338,11 @@ mod tests {
             ("blend = 0.02", "blned = 1", "unknown key `path.blned`"),
             ("[0.1, 0, -1, 0]", "[0, 0, -1, 0]", "p.toml:3:26: points 1 and 2 are less than 0.001 m apart"),
             ("strut_upper = 120.0", "strut_upper = -3", "p.toml:8:15: `limits.strut_upper` is -3"),
+            (
+                "strut_upper = 120.0",
+                "speed = [1, 2, 3]",
+                "p.toml:8:9: `limits.speed` has 3 numbers; expected 4, one per axis",
+            ),
             ("strut_upper = 120.0", "strut = 3", "p.toml:8:1: unknown key `limits.strut`"),
             ("[limits]", "[search]\nintervals = 3\n[limits]", "p.toml:8:13: `search.intervals` is 3"),
             ("[limits]", "[search]\nobjective = \"fun\"\n[limits]", "`search.objective` is \"fun\""),

@@ -143,8 +143,9 @@ fn table(report: &mut Report, execution: &Execution) {
     let mut row = |what: String, [rms, most]: [f64; 2], unit: &str| {
         rows.push([what, significant(rms, 3), significant(most, 3), unit.to_string()]);
     };
-    for (axis, values) in execution.torque.iter().enumerate() {
-        row(format!("torque of axis {}", axis + 1), *values, "N·m");
+    let machine = execution.recording.signals.mechanism;
+    for (axis, values) in execution.torque[..machine.axes()].iter().enumerate() {
+        row(Channel::Torque(axis).title(machine), *values, &Channel::Torque(axis).unit(machine).to_string());
     }
     for (strut, values) in execution.strut.iter().enumerate() {
         row(format!("force of strut {}", strut + 1), *values, "N");

@@ -145,7 +145,7 @@ impl Replay<'_> {
         });
         let mut scene = Scene::new(plant.mechanism, &plant.geometry, times.clone(), poses);
         scene.residual = Some(in_sigma(&before, &sigma));
-        scene.used = used(self.model, plant, &dataset, &frames).into_diagnostic()?;
+        scene.used = used(self.model, plant, dataset, &frames).into_diagnostic()?;
         scene.series = series;
         scene.text = Some(self.text(&left, later.as_ref(), &noise, unit) + &ghosts.text());
         scene.ghost_name = ghosts.name();

@@ -346,7 +346,7 @@ impl Own<'_> {
         let explained = (plain.least.mean_square - with.least.mean_square) / variance.max(f64::MIN_POSITIVE);
         // Together: on a short travel sine, cosine and constant resemble each other, and none is significant alone.
         let is_significant =
-            with.gain_over(&plain, series.torque.len()) > GRAVITY.0.powi(2) * self.recordings.len() as f64;
+            with.gain_over(plain, series.torque.len()) > GRAVITY.0.powi(2) * self.recordings.len() as f64;
         (is_significant && explained > GRAVITY.1).then_some(with)
     }
 

@@ -1,6 +1,7 @@
 //! `deltatwin forces`.
 
 use std::io::Write;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use miette::{IntoDiagnostic, WrapErr, miette};
@@ -110,10 +111,10 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let (forces, margins): (Vec<_>, Vec<_>) = loads.into_iter().unzip();
     let margins = least(&model, &forces, &margins);
     if let Some(output) = &args.output {
-        write_table(output, &motion.t, &forces)?;
+        write_table(output, Multipliers::of(model.mechanism), &motion.t, &forces)?;
     }
     if let Some(figure) = &args.figure {
-        write_figure(figure, &draw(&motion, &forces))?;
+        write_figure(figure, &draw(&model, &motion, &forces))?;
     }
     if args.json {
         say(to_json(args, &model, &motion, (&forces, &margins)))
@@ -189,18 +190,19 @@ fn difference(measured: &[f64], forces: &[[f64; MULTIPLIERS]], k: usize) -> [f64
     [residuals::rms(&residuals::difference(measured, &computed)), residuals::rms(measured)]
 }
 
-fn write_table(target: &Path, t: &[f64], forces: &[[f64; MULTIPLIERS]]) -> miette::Result<()> {
+fn write_table(target: &Path, own: Range<usize>, t: &[f64], forces: &[[f64; MULTIPLIERS]]) -> miette::Result<()> {
     file::replace(target, |out| -> std::io::Result<()> {
-        writeln!(out, "t,{}", Multipliers::names().join(","))?;
+        writeln!(out, "t,{}", Multipliers::names()[own.clone()].join(","))?;
         for (t, row) in t.iter().zip(forces) {
-            writeln!(out, "{t},{}", row.map(|v| v.to_string()).join(","))?;
+            let cells: Vec<String> = row[own.clone()].iter().map(f64::to_string).collect();
+            writeln!(out, "{t},{}", cells.join(","))?;
         }
         Ok(())
     })
     .into_diagnostic()
 }
 
-fn draw(motion: &Motion, forces: &[[f64; MULTIPLIERS]]) -> deltatwin_report::Figure {
+fn draw(model: &Model, motion: &Motion, forces: &[[f64; MULTIPLIERS]]) -> deltatwin_report::Figure {
     let series = |k: usize| -> Vec<f64> { forces.iter().map(|f| f[k]).collect() };
     let names = Multipliers::names();
     let line = |k: usize, label: &str| Curve::new(label, motion.t.clone(), series(k));
@@ -228,9 +230,11 @@ fn draw(motion: &Motion, forces: &[[f64; MULTIPLIERS]]) -> deltatwin_report::Fig
             curves: vec![measured, computed],
         });
     }
-    let bearing = |range: std::ops::Range<usize>| range.map(|k| line(k, &names[k])).collect();
-    all.push(Panel { title: "λ_E, moments".into(), y_label: "N·m".into(), curves: bearing(0..2) });
-    all.push(Panel { title: "λ_E, forces".into(), y_label: "N".into(), curves: bearing(2..5) });
+    let bearing = |range: Range<usize>| range.map(|k| line(k, &names[k])).collect();
+    if model.mechanism.has_telescope() {
+        all.push(Panel { title: "λ_E, moments".into(), y_label: "N·m".into(), curves: bearing(0..2) });
+        all.push(Panel { title: "λ_E, forces".into(), y_label: "N".into(), curves: bearing(2..5) });
+    }
     panels("Constraint forces", "t / s", &all)
 }
 
@@ -239,10 +243,10 @@ type Loads<'a> = (&'a [[f64; MULTIPLIERS]], &'a [Option<f64>; MULTIPLIERS]);
 
 fn to_json(args: &Args, model: &Model, motion: &Motion, (forces, margins): Loads) -> Value {
     let names = Multipliers::names();
-    let multipliers: Map<String, Value> = (0..MULTIPLIERS)
+    let multipliers: Map<String, Value> = Multipliers::of(model.mechanism)
         .map(|k| {
             let [min, max, rms] = statistics(forces, k);
-            let (unit, limit) = (Multipliers::unit(k), limit(model, k));
+            let (unit, limit) = (Multipliers::unit(model.mechanism, k).to_string(), limit(model, k));
             let entry = json!({
                 "min": min, "max": max, "rms": rms, "unit": unit, "limit": limit, "margin": margins[k],
             });
@@ -269,11 +273,13 @@ fn to_json(args: &Args, model: &Model, motion: &Motion, (forces, margins): Loads
 
 fn print(args: &Args, model: &Model, motion: &Motion, (forces, margins): Loads) -> miette::Result<()> {
     let mut table = Table::new(&["Multiplier", "min", "max", "rms", "limit", "margin", ""], &[6]);
-    for (k, name) in Multipliers::names().into_iter().enumerate() {
+    let names = Multipliers::names();
+    for k in Multipliers::of(model.mechanism) {
         let [min, max, rms] = statistics(forces, k);
         let cells = [Some(min), Some(max), Some(rms), limit(model, k), margins[k]];
         let cells = cells.map(|v| v.map_or(String::new(), |v| significant(v, 4)));
-        table.row(std::iter::once(name).chain(cells).chain([Multipliers::unit(k).into()]));
+        let unit = Multipliers::unit(model.mechanism, k).to_string();
+        table.row(std::iter::once(names[k].clone()).chain(cells).chain([unit]));
     }
     say(table)?;
     let law = "The margin of a strut's force is the least one of the ball socket there, whose hold falls with the pull along \

@@ -12,6 +12,7 @@ use crate::terminal::{
     BAD_ANSWER, DONE, Table, assembled_robot, check_output, complain, origin_of, path, say, spinner, warn, write_figure,
 };
 use deltatwin::dynamics::Plant;
+use deltatwin::machine::Unit;
 use deltatwin::planner::trajectory::trajectory;
 use deltatwin::planner::validation::{Execution, execute};
 use deltatwin::planner::{Limits, Machine, Options, Plan, PlanError, Task, plan};
@@ -271,7 +272,8 @@ fn print(
             say(format!("  {what} differ by {rms} {unit} RMS, {} {unit} at most", significant(most, 3)))
         };
         say("  Executed by the twin:")?;
-        row("  torques", &e.torque, "N·m")?;
+        let machine = e.recording.signals.mechanism;
+        row("  torques", &e.torque[..machine.axes()], &machine.unit(Unit::NM).to_string())?;
         row("  strut forces", &e.strut, "N")?;
         row("  accelerations", &[e.acceleration], "m/s²")?;
         say(format!("    strut forces up to {:.1} N, least margin of a socket {:.1} N", e.peak_strut, e.margin))?;

@@ -95,8 +95,9 @@ pub fn execution(planned: &Recording, execution: &Execution) -> [Figure; 3] {
         ]
     };
     let tau = |s: &Signals, i: usize| (s.t.clone(), s[Channel::Torque(i)].to_vec());
-    let torques: Vec<Panel> =
-        (0..AXES).map(|i| panel(&format!("axis {}", i + 1), "N·m", pair(tau(want, i), tau(got, i)))).collect();
+    let unit = Channel::Torque(0).unit(want.mechanism).to_string();
+    let torque = |i: usize| panel(&format!("axis {}", i + 1), &unit, pair(tau(want, i), tau(got, i)));
+    let torques: Vec<Panel> = (0..want.mechanism.axes()).map(torque).collect();
     let force = |s: &Signals, i: usize| (s.t.clone(), strut(s, i));
     let struts: Vec<Panel> =
         (0..STRUTS).map(|i| panel(&format!("strut {}", i + 1), "N", pair(force(want, i), force(got, i)))).collect();

@@ -79,7 +79,7 @@ fn peak(trace: &[Sample]) -> (f64, usize, f64) {
 /// Parts of a strut's force at one instant: what the tilting torque causes there, and what the estimate omits.
 fn explained(plant: &Plant, motion: &Motion, (socket, force, time): (usize, f64, f64)) -> Option<String> {
     let strut = socket % STRUTS;
-    let statics = Statics::of(motion, Detail::Complete).ok()?;
+    let statics = Statics::of(plant, motion, Detail::Complete).ok()?;
     let none = (Vector3::zeros(), Vector3::zeros());
     let (weight, moment) = payload_load(plant, motion);
     let tilting = Vector3::new(moment.x, moment.y, 0.0);
