@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use deltatwin::diagnosis::{Verdict, diagnose};
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::initial::axis;
 use deltatwin::identification::{Dataset, fit};
@@ -118,4 +119,66 @@ fn the_angles_decide_whether_the_clock_is_late() {
         let worst = errors.skip(100).take(dataset.len() - 200).fold(0.0, f64::max);
         assert!(worst < 0.06, "{worst} rad/s, late: {is_late}");
     }
+}
+
+/// A fit needs fewer rows than tests of missing effects do; none of these recordings is refused, and nothing is named but
+/// what is there.
+#[test]
+fn few_rows_are_fitted_and_more_are_tested() {
+    let logs = [
+        ("5 Hz for 20 s", times(5.0, 20.0, 0.2, 0.1, 2), 0.1, false),
+        ("5 Hz for 60 s", times(5.0, 60.0, 0.0, 0.0, 2), 0.1, true),
+        ("62.5 Hz for 3 s", times(62.5, 182.0 / 62.5, 0.0, 0.0, 3), 1.0, true),
+    ];
+    for (name, t, frequency, is_tested) in logs {
+        let recording = pendulum(t, frequency, 7);
+        let model = axis("pendulum", std::slice::from_ref(&recording), None).expect("a model").model;
+        let d = diagnose(&model, &[Dataset::new(&recording)], &[], &mut |_| {}).expect("a diagnosis");
+        assert_eq!(d.too_few.is_none(), is_tested, "{name}: {:?}", d.too_few);
+        // The weight, which a first model of few turns may lack.
+        let names: Vec<&str> = d.effects.iter().map(|e| e.name.as_str()).collect();
+        assert!(d.verdict == Verdict::None || names == ["axis_gravity"], "{name}: {} {names:?}", d.verdict);
+    }
+}
+
+/// An axis that sticks and slips at uneven times: strokes of 0.1 rad in 0.25 s, three in each direction, and rests of 0.2 s
+/// between them, in which the torque grows to the friction from any value. τ = 0.02·q̈ + 0.3·sign q̇ + 0.5·q̇ in the strokes.
+#[test]
+fn friction_at_rest_is_no_friction_of_slow_motion() {
+    let (stroke, rest, way, step) = (0.25, 0.2, 0.1, TAU / 16384.0);
+    let [inertia, coulomb, viscous, ..] = TRUTH;
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let mut rows = Vec::new();
+    for t in times(40.0, 60.0, 0.3, 0.05, 12) {
+        let (number, since) = ((t / (stroke + rest)).floor(), t.rem_euclid(stroke + rest));
+        let of = |number: f64| if number.rem_euclid(6.0) < 3.0 { 1.0 } else { -1.0 };
+        let from: f64 = way * (0..number as i64).map(|k| of(k as f64)).sum::<f64>();
+        let (sign, w) = (of(number), TAU / stroke);
+        let noise: f64 = StandardNormal.sample(&mut rng);
+        // q̇ = v·(1 − cos w·t), with v = way/stroke.
+        let (q, torque) = match since < stroke {
+            true => {
+                let v = sign * way / stroke;
+                let (qd, qdd) = (v * (1.0 - (w * since).cos()), v * w * (w * since).sin());
+                (from + v * (since - (w * since).sin() / w), inertia * qdd + coulomb * sign + viscous * qd)
+            }
+            false => {
+                let growing = (since - stroke) / rest;
+                (from + sign * way, coulomb * (of(number + 1.0) * growing - 0.5 * sign * (1.0 - growing)))
+            }
+        };
+        rows.push([t, (q / step).round() * step, torque + 0.01 * noise]);
+    }
+    let signals = Signals::of_axis(Joint::Revolute, &rows);
+    let recording = Recording { name: "stick".into(), signals, ..Recording::default() };
+    let initial = axis("stick", std::slice::from_ref(&recording), None).expect("a model");
+    let number = |key: &str| {
+        let own = initial.numbers.iter().find(|n| n.key == key).expect("a number");
+        (own.values[0], own.std.first().copied().unwrap_or(0.0))
+    };
+    let dataset = Dataset::new(&recording);
+    println!("{:?} {:?} {:?} {}", number("coulomb"), number("viscous"), number("inertia"), dataset.standing);
+    let (value, _) = number("coulomb");
+    assert!((value - coulomb).abs() < 0.1 * coulomb, "{value} for {coulomb}: {:?}", initial.remarks);
+    assert!((0.3..0.6).contains(&dataset.standing), "{}", dataset.standing);
 }

@@ -8,6 +8,7 @@ use super::experiment::NextExperiment;
 use super::fitting::Work;
 use super::left::Left;
 use super::unknown::Unexplained;
+use crate::evidence::TooFew;
 use crate::identification::Repeats;
 use crate::identification::fit::Estimate;
 use crate::model::Model;
@@ -79,6 +80,8 @@ pub struct Diagnosis {
     pub parameters: [Vec<Estimate>; 2],
     /// Residual with everything found, and whether an unknown effect acts in addition to the named ones.
     pub left: Left,
+    /// Set if the recordings have too few rows to test any effect.
+    pub too_few: Option<TooFew>,
     /// Names of effects and steps that were not tried for lack of time.
     pub not_tried: Vec<String>,
     /// What repeats of the residual with everything found, and what does not; `None` where no motion repeats.

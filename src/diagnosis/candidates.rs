@@ -71,13 +71,15 @@ pub enum Untestable {
     Imitated,
     /// At its usual size it is below the noise.
     TooWeak,
+    /// The recordings have too few rows.
+    TooFewRows,
     /// Inverse dynamics along a measured motion does not contain it.
     TwinOnly,
 }
 
 impl Untestable {
     /// All reasons.
-    pub const ALL: [Self; 4] = [Self::NotExcited, Self::Imitated, Self::TooWeak, Self::TwinOnly];
+    pub const ALL: [Self; 5] = [Self::NotExcited, Self::Imitated, Self::TooWeak, Self::TooFewRows, Self::TwinOnly];
 }
 
 impl std::fmt::Display for Untestable {
@@ -86,6 +88,7 @@ impl std::fmt::Display for Untestable {
             Self::NotExcited => "nothing in this motion brings it about",
             Self::Imitated => "the model's own parameters imitate it",
             Self::TooWeak => "at its usual size it drowns in the noise",
+            Self::TooFewRows => "there are too few rows",
             Self::TwinOnly => "acts in the twin only, no measured motion shows it",
         })
     }
@@ -101,6 +104,7 @@ fn untestable(a: &Assessment) -> Option<Untestable> {
         Visibility::InBaseSpan => Some(Untestable::Imitated),
         Visibility::TooWeak if a.tolerance < IMITATED => Some(Untestable::Imitated),
         Visibility::TooWeak => Some(Untestable::TooWeak),
+        Visibility::TooFewRows => Some(Untestable::TooFewRows),
     }
 }
 

@@ -108,7 +108,10 @@ pub fn changed(
         max_steps: MAX_CHANGES,
         ..Settings::default()
     };
-    let outcome = evidence::select(&problem, &settings).map_err(|e| DiagnosisError::of_statistics(e, &all))?;
+    let outcome = evidence::select(&problem, &settings)?;
+    if let Some(few) = outcome.remaining.too_few {
+        return Err(DiagnosisError::TooFew(few));
+    }
     let findings = worthwhile(outcome.findings);
     let names: Vec<&str> = problem.candidates.iter().map(|c| c.name.as_str()).collect();
     let (present, estimates) = refit(&fit.model, &findings, (&names, &absent), later)?;

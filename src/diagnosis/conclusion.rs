@@ -143,6 +143,7 @@ impl Conclusion {
             parameters: [start.parameters, end.parameters],
             left,
             repeats,
+            too_few: found.all.too_few,
             not_tried: self.not_tried,
             unexplained: self.unexplained,
             sampling_lag: found.sampling_lag,

@@ -2,9 +2,7 @@
 
 use thiserror::Error;
 
-use super::problem;
 use crate::evidence;
-use crate::identification::Dataset;
 use crate::identification::fit::FitError;
 
 /// Reason why a diagnosis is not possible.
@@ -16,29 +14,9 @@ pub enum DiagnosisError {
     /// The statistics failed.
     #[error("diagnosis: {0}")]
     Evidence(#[from] evidence::Error),
-    /// The recordings are too short for the statistics.
-    #[error(
-        "diagnosis: {used:.3} s of {recorded:.3} s are usable ({rows} means of {block} samples; the noise model needs the first \
-         {skip} of each of {stretches} stretches), expected at least {needed:.3} s ({means} means); record longer, or without gaps"
-    )]
-    TooShort {
-        /// Duration of all segments, s.
-        recorded: f64,
-        /// Number of segments.
-        stretches: usize,
-        /// Duration that the statistics can use, s.
-        used: f64,
-        /// Number of samples in a mean.
-        block: usize,
-        /// Number of means in that duration.
-        rows: usize,
-        /// Number of means that the noise model needs of each segment.
-        skip: usize,
-        /// Least duration, s.
-        needed: f64,
-        /// Number of means in the least duration.
-        means: usize,
-    },
+    /// The recordings have too few rows to show what has changed.
+    #[error("{0}; record longer, or without gaps")]
+    TooFew(evidence::TooFew),
     /// No recording was given.
     #[error("no recording to diagnose")]
     NoData,
@@ -73,24 +51,4 @@ pub enum DiagnosisError {
     /// The model contains the effect already.
     #[error("the model has `{0}` already")]
     Present(String),
-}
-
-impl DiagnosisError {
-    /// Error of the statistics on means of samples, expressed in seconds of the recordings.
-    pub(super) fn of_statistics(error: evidence::Error, datasets: &[Dataset]) -> Self {
-        let evidence::Error::TooShort { rows, skip, needed: means } = error else { return error.into() };
-        let block = problem::block(datasets);
-        let mean = block as f64 * datasets.iter().map(|t| t.dt).fold(0.0, f64::max);
-        let (stretches, all) = problem::segments(datasets);
-        Self::TooShort {
-            recorded: all as f64 * mean,
-            stretches: stretches.len(),
-            used: rows as f64 * mean,
-            block,
-            rows,
-            skip,
-            needed: means as f64 * mean,
-            means,
-        }
-    }
 }

@@ -77,7 +77,9 @@ pub fn diagnose_with(
     progress("confidence");
     let mut conclusion = Conclusion::new(&found, &judge)?;
     progress("what is left");
-    if fitting.has_time_for(Stage::UnknownLaw) {
+    if found.all.too_few.is_some() {
+        // A law of its own needs more than a known effect.
+    } else if fitting.has_time_for(Stage::UnknownLaw) {
         conclusion.revise(unknown::explain(&found, &judge, progress)?);
     } else {
         conclusion.not_tried.push("a law outside the library".into());

@@ -244,7 +244,7 @@ impl<'a> Search<'a> {
         if let Some(stopped) = stopped {
             return Ok(stopped);
         }
-        let outcome = outcome.map_err(|e| DiagnosisError::of_statistics(e, fitting.datasets))?;
+        let outcome = outcome?;
         self.complete(outcome, last, progress)
     }
 

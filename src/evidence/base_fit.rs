@@ -11,6 +11,7 @@ use super::noise::correlation_time;
 use super::predict::{squares, subtract};
 use super::problem::{Channel, Chosen, Column, Problem, Settings, Variant};
 use super::project::pseudo_inverse;
+use super::ranking::TooFew;
 use super::score::Remainder;
 use super::whiten::ArFilter;
 
@@ -39,6 +40,8 @@ pub struct BaseFit<'a> {
     pub blocks: Blocks,
     pub correlation_time: f64,
     pub blocks_too_short: bool,
+    /// Rows of each channel and the least number for tests, if there are fewer.
+    pub too_few: Option<TooFew>,
 }
 
 impl<'a> BaseFit<'a> {
@@ -61,6 +64,7 @@ impl<'a> BaseFit<'a> {
             blocks: Vec::new(),
             correlation_time: 1.0,
             blocks_too_short: false,
+            too_few: None,
         };
         // Two rounds: scaled least squares gives the residual for the noise model, which then gives a better
         // residual.
@@ -159,9 +163,7 @@ impl<'a> BaseFit<'a> {
         self.blocks_too_short = wanted < MIN_BLOCKS;
         // A block is at most 1.5 times as long as intended, so this many samples give the required number of blocks.
         let needed = MIN_BLOCKS * MIN_BLOCK;
-        if rows < needed {
-            return Err(Error::TooShort { rows, skip: self.skip(), needed });
-        }
+        self.too_few = (rows < needed).then_some(TooFew { rows, needed });
         let (values, parameters) = (self.rows(problem), self.columns.len());
         if values <= parameters {
             return Err(Error::Undetermined { values, parameters });

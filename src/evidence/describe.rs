@@ -105,6 +105,7 @@ pub fn describe(
     let visibility = match (projected.empty, projected.rank()) {
         (true, _) => Visibility::Empty,
         (_, 0) => Visibility::InBaseSpan,
+        _ if fit.too_few.is_some() => Visibility::TooFewRows,
         (_, m) if sized && energy < noncentrality(m, settings.alpha, POWER) => Visibility::TooWeak,
         _ => Visibility::Visible,
     };

@@ -22,19 +22,6 @@ pub enum Error {
     /// There are no channels or no samples.
     #[error("there is nothing to diagnose: no channels or no samples")]
     Empty,
-    /// Too few samples for block scores.
-    #[error(
-        "{rows} samples per channel are left after the first {skip} of each stretch, which the noise model needs; at least \
-         {needed} are needed"
-    )]
-    TooShort {
-        /// Samples per channel after the whitening filter's start, over all stretches.
-        rows: usize,
-        /// Samples that the start of the whitening filter takes of each stretch.
-        skip: usize,
-        /// Samples needed.
-        needed: usize,
-    },
     /// No more values than parameters.
     #[error("{values} values of channels that are not exactly explained are too few for {parameters} parameters")]
     Undetermined {

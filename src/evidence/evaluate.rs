@@ -15,7 +15,7 @@ use super::{Error, sign_flips};
 /// Assessment of every candidate that is not among `chosen`; the columns of the chosen effects join the base.
 ///
 /// # Errors
-/// If the problem is inconsistent, too short for the tests, or not finite.
+/// If the problem is inconsistent, has no more values than parameters, or is not finite.
 pub fn evaluate(problem: &Problem, chosen: &[Chosen], settings: &Settings) -> Result<Ranking, Error> {
     problem.check()?;
     let is_open = |i: &usize| chosen.iter().all(|c| c.candidate != *i);
@@ -110,7 +110,9 @@ impl<'a> BaseFit<'a> {
         let gains = self.gains(problem, &present, &levels, &entries.rest);
         let mut candidates: Vec<Assessment> = Vec::new();
         for (i, (mut chance, gain)) in chances.into_iter().zip(gains).enumerate() {
-            if obvious(&present[i].scores, &blockwise[i], entries.list.len()) {
+            if self.too_few.is_some() {
+                chance.p_adjusted = 1.0;
+            } else if obvious(&present[i].scores, &blockwise[i], entries.list.len()) {
                 chance.p_adjusted = chance.p_adjusted.min(1.0 / (settings.flips + 1) as f64);
             }
             let fit = (&self, &entries.rest);
@@ -136,6 +138,7 @@ impl<'a> BaseFit<'a> {
             blocks: self.blocks.len(),
             correlation_time: self.correlation_time,
             blocks_too_short: self.blocks_too_short,
+            too_few: self.too_few,
             filters: self.filters,
         })
     }

@@ -53,7 +53,7 @@ pub use error::Error;
 pub use evaluate::evaluate;
 pub(crate) use gram::dot;
 pub use problem::{Candidate, Channel, Chosen, Column, Problem, Settings, Variant};
-pub use ranking::{Absorption, Assessment, Estimate, Ranking, Visibility};
+pub use ranking::{Absorption, Assessment, Estimate, Ranking, TooFew, Visibility};
 pub use select::{Finding, Outcome, Refit, Step, select, select_with};
 pub(crate) use special::t_quantile;
 pub use stop::{NEVER, Stop};

@@ -4,6 +4,21 @@ use super::Settings;
 use super::problem::Chosen;
 use super::whiten::ArFilter;
 
+/// Too few rows for tests: blocks of time would be too few or too short for independent scores.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TooFew {
+    /// Rows of each channel, without the start of the whitening filter in each segment.
+    pub rows: usize,
+    /// Least number for tests.
+    pub needed: usize,
+}
+
+impl std::fmt::Display for TooFew {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "too few rows to test for missing effects: {} rows, at least {}", self.rows, self.needed)
+    }
+}
+
 /// A parameter with its standard error.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Estimate {
@@ -33,6 +48,8 @@ pub enum Visibility {
     Visible,
     /// An effect of that size would be found with less than 95 % power.
     TooWeak,
+    /// There are too few rows for any test.
+    TooFewRows,
     /// The base parameters imitate the candidate entirely.
     InBaseSpan,
     /// The candidate's columns are zero.
@@ -137,6 +154,8 @@ pub struct Ranking {
     pub correlation_time: f64,
     /// Whether the record is too short for blocks of five correlation times; p values are then too small.
     pub blocks_too_short: bool,
+    /// Set if nothing was tested.
+    pub too_few: Option<TooFew>,
 }
 
 impl Ranking {

@@ -21,6 +21,8 @@ const SLOW: f64 = 4e-3;
 const STANDING: f64 = 0.3;
 /// Movement, in resolutions of the angle, up to which an axis stands; the resolution is at least a share of its travel.
 const STILL: (f64, f64) = (3.0, 1e-5);
+/// Difference of readings, in resolutions of the angle, up to which they are the same or neighbouring steps.
+const ROUNDED: f64 = 1.01;
 /// Duration of means, s, whose differences still show noise only: a torque is smooth over a few of them.
 const SMOOTH: f64 = 2e-3;
 /// Least share of the samples in motion with which those at rest are left out; at unequal times, least number of them: ten
@@ -393,7 +395,9 @@ pub fn stride_for(n: usize, most: usize) -> usize {
 /// Ranges of each of `pieces` in which a lone axis moves; all of it if it hardly ever does.
 ///
 /// Static friction takes any value up to its limit at rest, so the torque of an axis that stands is no function of its
-/// state. Positions within a few resolutions over [`STANDING`] are rest.
+/// state. Positions within a few resolutions over [`STANDING`] are rest; and of an axis that is read at unequal times and so
+/// rarely that its reversals are not resolved, a reading that its neighbours repeat: it sticks and slips, and the sign of its rate
+/// is not determined there.
 fn moving<'a>(
     signals: &Signals,
     pieces: impl Iterator<Item = &'a Range<usize>> + Clone,
@@ -406,6 +410,7 @@ fn moving<'a>(
     let still = STILL.0 * resolution.max(STILL.1 * (high - low));
     let is_uneven = !signals.stretches().iter().all(|s| is_even(&signals.t[s.clone()], signals.sample_time()));
     let window = (STANDING / signals.sample_time()).round().max(2.0) as usize;
+    let sticks = is_uneven && 2.0 * signals.sample_time() > RESOLVED;
     let of = |piece: &Range<usize>| -> Vec<Range<usize>> {
         let mut moves = vec![true; piece.len()];
         for start in piece.start..piece.end.saturating_sub(window) {
@@ -413,6 +418,10 @@ fn moving<'a>(
             if (start..=start + window).all(near) {
                 moves[start - piece.start..=start + window - piece.start].fill(false);
             }
+        }
+        for k in (piece.start + 1..piece.end.saturating_sub(1)).filter(|_| sticks) {
+            moves[k - piece.start] &=
+                (angle(k - 1) - angle(k)).abs().max((angle(k + 1) - angle(k)).abs()) > ROUNDED * resolution;
         }
         let long = |run: &Range<usize>| is_uneven || run.len() > 2 * MIN_HALF_WIDTH;
         runs(&moves, piece.start).into_iter().filter(long).collect()

@@ -749,6 +749,14 @@ fn the_unit_of_time_follows_from_the_motion() {
     for (rate, travel, unit, expected) in table {
         assert_eq!(said(rate, travel, unit), expected, "{rate} Hz, {travel} s, in {unit} s");
     }
+    // A stated unit stands, also of a sample every two seconds.
+    for (name, unit) in [("t[s]", 1.0), ("time [ms]", 1e-3)] {
+        let row =
+            |k: usize| format!("{},{},{}\n", 2.0 * k as f64 / unit, (0.3 * k as f64).sin(), (0.7 * k as f64).cos());
+        fs::write(&path, format!("{name},q1,tau1\n{}", (0..200).map(row).collect::<String>())).unwrap();
+        let t = read(&path).0.signals.t;
+        assert!((t[1] - t[0] - 2.0).abs() < 1e-9, "{name}: {}", t[1] - t[0]);
+    }
 }
 
 #[test]

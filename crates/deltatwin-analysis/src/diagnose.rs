@@ -30,6 +30,7 @@ pub fn json(d: &Diagnosis, model: Option<&Path>, scenario: Option<&Path>) -> Val
     object.insert("unseen_parameters".into(), json!(d.unseen_parameters));
     object.insert("not_testable".into(), not_testable(d));
     object.insert("not_tried".into(), json!(d.not_tried));
+    object.insert("too_few".into(), json!(d.too_few.map(|few| json!({"rows": few.rows, "needed": few.needed}))));
     object.insert("sampling_lag".into(), json!(d.sampling_lag));
     object.insert("next_experiment".into(), d.next_experiment.as_ref().map_or(Value::Null, |e| next(e, scenario)));
     object.insert("budget".into(), budget::json(&d.budget));
@@ -129,6 +130,10 @@ pub fn verdict(d: &Diagnosis) -> String {
         (Verdict::Undecided, _) => format!("Undecided: the time was up; found until then: {names}"),
     };
     let left = much(d);
+    if let Some(few) = d.too_few {
+        let first = if left.is_empty() { "The model leaves no more than the noise" } else { left.as_str() };
+        return format!("{first}; {few}.");
+    }
     match (d.left.beside && d.verdict != Verdict::Unknown, left.is_empty()) {
         (true, _) => format!("{first} ... and something else: {left}."),
         (false, true) => format!("{first}."),

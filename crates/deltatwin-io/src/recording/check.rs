@@ -26,6 +26,8 @@ pub(super) struct Table {
     /// Row number of each sample.
     pub rows: Vec<u64>,
     pub t: Vec<f64>,
+    /// Whether the unit of time is stated.
+    pub timed: bool,
     pub columns: Vec<Column>,
     /// Machine whose axes the file must contain.
     pub machine: Mechanism,

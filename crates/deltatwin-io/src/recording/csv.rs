@@ -234,7 +234,7 @@ fn table(
         }
         (None, rate) => (0..rows.len()).map(|k| k as f64 / rate.unwrap_or(1.0)).collect(),
     };
-    Ok((layout.apply(t, values, rows, Frame { file: path, row: "line", machine }), warnings))
+    Ok((layout.apply(t, values, rows, Frame { file: path, row: "line", machine, timed: false }), warnings))
 }
 
 /// Assignment of columns to channels, the machine, and notes on what is omitted or guessed.

@@ -287,7 +287,7 @@ impl Samples {
         };
         let own = axis("q", position).chain(axis("tau", effort)).chain(axis("qd", velocity.unwrap_or_default()));
         columns.splice(0..0, own);
-        (Table { file: path.into(), row: "JointState message", rows, t, columns, machine }, zero)
+        (Table { file: path.into(), row: "JointState message", rows, t, timed: false, columns, machine }, zero)
     }
 
     /// Columns of a topic whose messages have the same times as the joint states.

@@ -29,7 +29,7 @@ const FROZEN: usize = 50;
 impl Table {
     pub(super) fn units(&self, warnings: &mut Vec<String>) -> Result<(), ReadError> {
         let step = sample_time(&self.t);
-        if let Some((unit, name)) = self.other_unit_of_time(step) {
+        if let Some((unit, name)) = self.other_unit_of_time(step).filter(|_| !self.timed) {
             let problem = format!("steps of {} s; looks like {name}", rounded_to(step, 6));
             let expected = format!("seconds, sampled at 4 Hz or more; --map \"t=t[{unit}]\" reads {name}");
             return Err(self.value_error(1, "t", problem, expected));

@@ -170,7 +170,9 @@ impl Layout {
         if delays.iter().any(|d| *d != 0.0) {
             delay::remove(&mut t, &mut rows, &mut found, &delays);
         }
-        Table { file: into.file.into(), row: into.row, rows, t, columns: found, machine: into.machine }
+        let is_stated = |(name, s): &(String, Source)| name == "t" && s.quantity.is_some();
+        let timed = into.timed || self.channels.iter().any(is_stated);
+        Table { file: into.file.into(), row: into.row, rows, t, timed, columns: found, machine: into.machine }
     }
 }
 
@@ -179,6 +181,7 @@ pub(super) struct Frame<'a> {
     pub file: &'a Path,
     pub row: &'static str,
     pub machine: Mechanism,
+    pub timed: bool,
 }
 
 /// The table with remapped channels, and descriptions of the assignments.
@@ -186,7 +189,7 @@ pub(super) fn remap(table: Table, how: &Reading) -> Result<(Table, Vec<String>),
     if how.maps.is_empty() && how.gear_ratio.is_none() {
         return Ok((table, Vec::new()));
     }
-    let Table { file, row, rows, t, columns, machine } = table;
+    let Table { file, row, rows, t, timed, columns, machine } = table;
     let mut names = vec!["t".to_string()];
     let mut values = vec![t];
     for c in columns {
@@ -198,7 +201,7 @@ pub(super) fn remap(table: Table, how: &Reading) -> Result<(Table, Vec<String>),
         layout.behind_gear(ratio);
     }
     let t = layout.channels.iter().find(|(name, _)| name == "t").map(|(_, s)| affine(values[s.column].clone(), s));
-    let table = layout.apply(t.unwrap_or_default(), values, rows, Frame { file: &file, row, machine });
+    let table = layout.apply(t.unwrap_or_default(), values, rows, Frame { file: &file, row, machine, timed });
     Ok((table, layout.notes))
 }
 
