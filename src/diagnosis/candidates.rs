@@ -16,7 +16,7 @@ pub struct CandidateReport {
     pub explained: f64,
     /// Family-wise p value with everything else found in the model.
     pub p_adjusted: f64,
-    /// Whether the data could reveal it at its usual size.
+    /// Whether the data could reveal it at its usual size, or do at the size that they suggest.
     pub visible: bool,
     /// Parameters that imitate it, at most five.
     pub absorbed_by: Vec<String>,
@@ -121,7 +121,8 @@ pub(super) fn reports(found: &Found, effects: &[Named], sets: &[Vec<String>]) ->
             Some(named) => named.confidence.probability(),
             None => effects.iter().map(|e| e.confidence.probability_of(name)).fold(0.0, f64::max),
         };
-        let reason = untestable(alone);
+        // What the data show is testable by them, whatever its usual size.
+        let reason = untestable(alone).filter(|_| !alone.passes(settings));
         let standing = match beside {
             _ if named.is_some() => Standing::Found,
             _ if sets.iter().any(|set| set.contains(name)) => Standing::Rival,
@@ -137,7 +138,7 @@ pub(super) fn reports(found: &Found, effects: &[Named], sets: &[Vec<String>]) ->
             probability,
             explained: alone.explained_share.unwrap_or(0.0).clamp(0.0, 1.0),
             p_adjusted: beside.unwrap_or(alone).p_adjusted,
-            visible: alone.visibility == Visibility::Visible,
+            visible: alone.visibility == Visibility::Visible || alone.passes(settings),
             absorbed_by: alone.absorbed_by.iter().map(|x| x.parameter.clone()).collect(),
             standing,
             untestable: reason.filter(|_| standing == Standing::Untestable),

@@ -15,13 +15,16 @@ use super::problem;
 use super::search::{Found, without_effects};
 use super::unknown::Unexplained;
 use crate::effects;
-use crate::evidence::{Finding, Visibility};
+use crate::evidence::{Assessment, Finding, Visibility};
 use crate::identification::NoiseLevel;
 use crate::identification::fit::{Estimate, Fit, FitError};
 use crate::model::Model;
 
 /// Share of the explainable error left by the named effects above which an unknown effect is concluded.
 const MAX_LEFT: f64 = 0.5;
+
+/// Share of the explainable error that a formula must explain more than the named effects, to lower their probability.
+const EXPLAINS_MORE: f64 = 0.1;
 
 /// Conclusion about the model.
 pub(super) struct Conclusion {
@@ -75,11 +78,12 @@ impl Conclusion {
         if self.verdict == Verdict::None && !self.not_tried.is_empty() {
             self.verdict = Verdict::Undecided;
         }
+        // A formula that explains more stands for another law: the names have the share of the error that they explain.
+        let certain = self.unexplained.as_ref().map_or(1.0, |formula| share_of_names(formula.left));
         for named in &mut self.effects {
-            if matches!(self.verdict, Verdict::Unknown | Verdict::Undecided) {
-                // With an unknown effect present, the probability of a name is limited by its explained share.
-                named.confidence.doubt(named.explained);
-            }
+            // With an unknown effect present, the probability of a name is limited by its explained share.
+            let is_open = matches!(self.verdict, Verdict::Unknown | Verdict::Undecided);
+            named.confidence.doubt(if is_open { named.explained } else { certain });
             named.parameters = parameters_of(&self.end.fit, &named.name);
         }
     }
@@ -153,10 +157,16 @@ impl Conclusion {
     }
 }
 
+/// Factor of the probability of names that leave the share `left` of what a formula explains.
+fn share_of_names(left: f64) -> f64 {
+    if left >= EXPLAINS_MORE { 1.0 - left } else { 1.0 }
+}
+
 /// Names of the effects that the data could not reveal at their usual size, those that exist in the twin only last.
 fn unseen(found: &Found, twin_only: &[String]) -> Vec<String> {
     let named = found.outcome.found();
-    let hidden = found.all.candidates.iter().filter(|a| a.visibility != Visibility::Visible);
+    let is_hidden = |a: &&Assessment| a.visibility != Visibility::Visible && !a.passes(&found.settings);
+    let hidden = found.all.candidates.iter().filter(is_hidden);
     let unnamed = hidden.filter(|a| !named.contains(&a.candidate)).map(|a| a.name.clone());
     unnamed.chain(twin_only.iter().cloned()).collect()
 }
@@ -220,4 +230,15 @@ pub(super) fn own_parameters(all: &[Estimate], effect: &str) -> Vec<Estimate> {
     let short = |p: &Estimate| p.name.split_once('.').map_or(p.name.clone(), |(_, name)| name.into());
     let own = all.iter().filter(|p| p.param.effect == effect);
     own.map(|p| Estimate { name: short(p), ..p.clone() }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_is_less_likely_where_a_formula_explains_a_tenth_more() {
+        assert_eq!(share_of_names(0.09), 1.0);
+        approx::assert_relative_eq!(share_of_names(0.2), 0.8);
+    }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::budget::Budget;
 use super::fitting::Fitting;
 use super::problem::{self, Edges};
-use crate::evidence::Problem;
+use crate::evidence::{Assessment, Problem, Ranking};
 use crate::evidence::drift::Noise;
 use crate::identification::fit::{Fit, FitError};
 use crate::identification::{Dataset, NoiseLevel, Residuals};
@@ -53,6 +53,8 @@ impl Judged {
 /// Data for the search of effects and data for their validation.
 pub(super) struct Judge<'a> {
     pub fitting: &'a Fitting<'a>,
+    /// The model before it was fitted.
+    pub stated: &'a Model,
     /// Recordings that no fit uses; may be empty.
     pub held_out: &'a [Dataset],
     /// Noise floor of the validation data.
@@ -60,10 +62,10 @@ pub(super) struct Judge<'a> {
 }
 
 impl<'a> Judge<'a> {
-    pub fn new(fitting: &'a Fitting<'a>, model: &Model, held_out: &'a [Dataset]) -> Result<Self, FitError> {
+    pub fn new(fitting: &'a Fitting<'a>, model: &'a Model, held_out: &'a [Dataset]) -> Result<Self, FitError> {
         let own = || fitting.noise.pooled.clone();
         let floor = if held_out.is_empty() { own() } else { NoiseLevel::measured(model, held_out)?.pooled };
-        Ok(Self { fitting, held_out, floor })
+        Ok(Self { fitting, stated: model, held_out, floor })
     }
 
     /// Validation data: the held-out recordings, or without any the fitted ones.
@@ -117,9 +119,23 @@ impl<'a> Judge<'a> {
     /// validation data will confirm it.
     pub fn is_lost_in_the_rest(&self, without: &Judged, with: &Judged) -> bool {
         let energy = |judged: &Judged| relative_energy(&judged.fit.residuals.rms, &self.fitting.noise.pooled);
-        let channels = self.fitting.noise.pooled.len() as f64;
-        let (gain, left) = (energy(without) - energy(with), energy(with) - channels);
-        left > FEW * channels && gain < LOST * ABOVE_THE_REST * left
+        self.is_lost(energy(without) - energy(with), energy(with) - self.channels())
+    }
+
+    /// Whether a linear effect promises so little in a ranking, which sees means over [`problem::block`] samples.
+    pub fn will_be_lost(&self, ranking: &Ranking, assessed: &Assessment) -> bool {
+        let (before, after) = (ranking.energy(&ranking.sum_of_squares), ranking.energy(&assessed.sum_of_squares));
+        let block = problem::block(self.fitting.datasets) as f64;
+        self.is_lost((before - after) / block, (after - self.channels()) / block)
+    }
+
+    /// Whether a gain is lost in the error that is `left` above the noise.
+    fn is_lost(&self, gain: f64, left: f64) -> bool {
+        left > FEW * self.channels() && gain < LOST * ABOVE_THE_REST * left
+    }
+
+    fn channels(&self) -> f64 {
+        self.fitting.noise.pooled.len() as f64
     }
 
     /// RMS residuals on the validation data, without reversals that the recordings do not resolve.

@@ -7,23 +7,26 @@ pub(super) mod lag;
 
 mod fits;
 mod models;
+mod pairs;
 mod standing;
+
+use std::cell::OnceCell;
 
 pub(super) use models::{with_effects, without_effects};
 
 use super::judge::{Judge, Judged, MIN_RELEVANCE, is_relevant, relative_energy};
 use super::problem::Edges;
 use super::{DiagnosisError, problem};
-use crate::effects::ActiveEffect;
-use crate::evidence::{self, Chosen, Outcome, Problem, Ranking, Refit, Settings};
+use crate::effects::{ActiveEffect, Role};
+use crate::evidence::{self, Chosen, Outcome, Pair, Problem, Ranking, Refit, Settings};
 use crate::gate::carries_weight_alone;
 use crate::identification::fit::{Fit, FitError, is_nonlinear};
 use fits::Fits;
 use lag::{DELAY, Lag};
 use standing::Standing;
 
-/// Largest number of effects refused by the validation. After it only the strongest effect may be reliable, and after one
-/// more refusal none.
+/// Largest number of effects refused by the validation. After it the longest confirmed sequence is the answer; where no
+/// machine with an effect can be fitted, only the strongest one is tried, and after one more refusal none.
 const MAX_REFUSED: usize = 5;
 
 /// Outcome of the search.
@@ -60,10 +63,12 @@ impl Found {
 enum Selection {
     /// Regular end.
     Complete(Box<(Outcome, Judged)>),
-    /// The delay found is that of the recorder.
-    Lag(ActiveEffect),
+    /// The delay found is that of the recorder; the effects found before it.
+    Lag(ActiveEffect, Vec<Chosen>),
     /// The effect of that name is not confirmed.
     Refused(String),
+    /// Two other effects promise to leave clearly less than the first two selected.
+    Pairs,
 }
 
 /// Selection of effects, repeated until all that were found are confirmed.
@@ -99,27 +104,48 @@ fn find_along(
     if let Some(late) = search.lag_of_slow_recordings() {
         search.accept_lag(late)?;
     }
+    let mut begun: Vec<Chosen> = Vec::new();
     loop {
         progress("evidence");
-        let (outcome, end) = match search.select(progress)? {
-            Selection::Complete(complete) => *complete,
-            Selection::Lag(late) => {
+        let refused = match search.select(&std::mem::take(&mut begun), progress)? {
+            Selection::Complete(complete) => {
+                let (outcome, end) = *complete;
+                if search.sampling_lag(&end).is_some() && search.recorded_lag(&end.fit).is_none() {
+                    search.exclude_lag();
+                    continue;
+                }
+                match search.confirm(outcome, end)? {
+                    Ok(standing) => {
+                        if judge.is_more_than_noise(standing.end.rms()) {
+                            search.try_pairs(progress)?;
+                        }
+                        let best = search.better_of(standing);
+                        return Ok(search.found(best));
+                    }
+                    Err(name) => name,
+                }
+            }
+            Selection::Lag(late, others) => {
                 search.accept_lag(late)?;
+                // One effect may be another one with the delay; several are what carries the explanation.
+                begun = if others.len() > 1 { others } else { Vec::new() };
                 continue;
             }
-            Selection::Refused(name) => {
-                search.refuse(name, progress);
-                continue;
+            Selection::Refused(name) => name,
+            Selection::Pairs => {
+                search.try_pairs(progress)?;
+                match search.clear_pairs() {
+                    Some(paired) => return Ok(search.found(paired)),
+                    None => continue,
+                }
             }
         };
-        if search.sampling_lag(&end).is_some() && search.recorded_lag(&end.fit).is_none() {
-            search.exclude_lag();
-            continue;
+        // A refusal must not take what carries the explanation together with another effect.
+        search.try_pairs(progress)?;
+        if let Some(paired) = search.clear_pairs() {
+            return Ok(search.found(paired));
         }
-        match search.confirm(outcome, end)? {
-            Ok(standing) => return Ok(search.found(standing)),
-            Err(name) => search.refuse(name, progress),
-        }
+        search.refuse(refused, progress);
     }
 }
 
@@ -144,6 +170,10 @@ struct Search<'a> {
     /// The ranking before anything was added or refused.
     all: Option<Ranking>,
     fits: Fits,
+    /// The best pairs of effects, whether they were tried, and what of the best one is confirmed.
+    pairs: OnceCell<Vec<Pair>>,
+    has_paired: bool,
+    paired: Option<Standing>,
 }
 
 impl<'a> Search<'a> {
@@ -175,14 +205,22 @@ impl<'a> Search<'a> {
             refused: Vec::new(),
             all: None,
             fits: Fits::default(),
+            pairs: OnceCell::new(),
+            has_paired: false,
+            paired: None,
         })
+    }
+
+    /// Whether no further effect may be refused.
+    fn is_exhausted(&self) -> bool {
+        self.refused.len() >= MAX_REFUSED
     }
 
     fn refuse(&mut self, name: String, progress: &mut dyn FnMut(&str)) {
         progress(&format!("without {name}"));
-        match self.refused.len() < MAX_REFUSED {
-            true => self.refused.push(name),
-            false => self.settings.max_steps = usize::from(self.settings.max_steps > 1),
+        match self.is_exhausted() {
+            false => self.refused.push(name),
+            true => self.settings.max_steps = usize::from(self.settings.max_steps > 1),
         }
     }
 
@@ -221,16 +259,21 @@ impl<'a> Search<'a> {
 
     /// Forward selection; the model is refitted after every addition if any parameter enters its prediction
     /// nonlinearly or a consistency constraint is active, because the error of an old linearisation resembles further
-    /// effects.
-    fn select(&mut self, progress: &mut dyn FnMut(&str)) -> Result<Selection, DiagnosisError> {
+    /// effects. The effects of `begun` are added first.
+    fn select(&mut self, begun: &[Chosen], progress: &mut dyn FnMut(&str)) -> Result<Selection, DiagnosisError> {
         let (stated, fitting) = (self.stated(), self.judge.fitting);
+        let is_begun = !begun.is_empty();
         let mut stopped: Option<Selection> = None;
         let mut last: Option<Refitted> = None;
         let mut all = self.all.take();
         let mut rankings = 0;
         let refit = |chosen: &[Chosen], ranking: &Ranking| {
             rankings += 1;
-            all.get_or_insert_with(|| ranking.clone());
+            let alone = all.get_or_insert_with(|| ranking.clone());
+            if !is_begun && self.has_better_pairs(chosen, alone, ranking) {
+                stopped = Some(Selection::Pairs);
+                return Err(String::new());
+            }
             self.added(chosen, ranking, &stated, &mut last, progress).map_err(|selection| {
                 stopped = Some(selection);
                 String::new()
@@ -238,7 +281,7 @@ impl<'a> Search<'a> {
         };
         // With a linear model the constraints make the linearisation, together as well as apart.
         let is_held = self.is_bounded() && (self.edges == Edges::Apart || !is_nonlinear(&self.start.fit.model));
-        let outcome = evidence::select_with(&stated, &self.settings, &|| fitting.is_late(), refit, is_held);
+        let outcome = evidence::select_with(&stated, &self.settings, &|| fitting.is_late(), refit, is_held, begun);
         self.all = all;
         fitting.count_rankings(outcome.as_ref().map_or(rankings, |o| o.rankings));
         if let Some(stopped) = stopped {
@@ -265,10 +308,14 @@ impl<'a> Search<'a> {
             fitting.tried();
             return Ok(Refit::Same);
         }
+        if self.promises_little(chosen, ranking) {
+            fitting.tried();
+            return Ok(Refit::Negligible);
+        }
         progress(&format!("refit with {}", names.join(", ")));
         let before = last.as_ref().map_or(&self.start, |(_, before)| before);
         let is_lost = |fitted: &Judged| chosen.len() > 1 && self.judge.is_lost_in_the_rest(before, fitted);
-        let made = self.refit_worth_it(chosen, ranking, before).and_then(|fitted| match fitted {
+        let made = self.refit_worth_it(chosen, ranking, last.as_ref()).and_then(|fitted| match fitted {
             Ok(fitted) if is_lost(&fitted) => Ok(Ok(None)),
             Ok(fitted) => Ok(Ok(Some((self.relinearised(&fitted.fit, stated, chosen)?, fitted)))),
             Err(selection) => Ok(Err(selection)),
@@ -286,21 +333,38 @@ impl<'a> Search<'a> {
         }
     }
 
+    /// Whether the last of several `chosen` effects enters linearly and gains too little in the ranking to be fitted.
+    fn promises_little(&self, chosen: &[Chosen], ranking: &Ranking) -> bool {
+        let newest = chosen.last().filter(|_| chosen.len() > 1);
+        let linear = newest.filter(|c| self.shape(c).entries().iter().all(|e| e.parameter.role != Role::Shape));
+        let assessed = linear.and_then(|c| ranking.of(c.candidate));
+        assessed.is_some_and(|a| self.judge.will_be_lost(ranking, a))
+    }
+
     /// The fit with the chosen effects, or the reason that ends the selection. Fits of elastic gears take long, so a
     /// relevant gain is required in the ranking before the fit and on the validation data after it.
     fn refit_worth_it(
         &self,
         chosen: &[Chosen],
         ranking: &Ranking,
-        before: &Judged,
+        last: Option<&Refitted>,
     ) -> Result<Result<Judged, Selection>, FitError> {
+        let before = last.map_or(&self.start, |(_, before)| before);
         let gears = chosen.last().filter(|c| self.shape(c).has_gears());
         if gears.is_some_and(|c| !promises(ranking, c)) {
             return Ok(Err(self.refusal(chosen)));
         }
-        let fitted = self.refit(chosen, Some(ranking))?;
+        let fitted = match last {
+            // The fit begins at that of the effects before.
+            Some((had, before)) if gears.is_none() && chosen.split_last().is_some_and(|(_, others)| had == others) => {
+                let newest = &chosen[had.len()..];
+                let model = with_effects(&before.fit.model, self.candidates, newest, Some(ranking));
+                self.fits.of(chosen, || self.judge.fit(&model))?
+            }
+            _ => self.refit(chosen, Some(ranking))?,
+        };
         if let Some(late) = self.chosen_lag(&fitted.fit, chosen) {
-            return Ok(Err(Selection::Lag(late)));
+            return Ok(Err(Selection::Lag(late, self.without_lag(chosen))));
         }
         let keeps = gears.is_none() || self.judge.confirms(before, &fitted)?;
         Ok(if keeps { Ok(fitted) } else { Err(self.refusal(chosen)) })
@@ -331,9 +395,14 @@ impl<'a> Search<'a> {
             }
         };
         Ok(match self.chosen_lag(&end.fit, &chosen) {
-            Some(late) => Selection::Lag(late),
+            Some(late) => Selection::Lag(late, self.without_lag(&chosen)),
             None => Selection::Complete(Box::new((outcome, end))),
         })
+    }
+
+    /// The chosen effects without the delay.
+    fn without_lag(&self, chosen: &[Chosen]) -> Vec<Chosen> {
+        chosen.iter().copied().filter(|c| self.shape(c).effect.name() != DELAY).collect()
     }
 
     fn names(&self, chosen: &[Chosen]) -> Vec<String> {

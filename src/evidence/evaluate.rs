@@ -17,13 +17,26 @@ use super::{Error, sign_flips};
 /// # Errors
 /// If the problem is inconsistent, has no more values than parameters, or is not finite.
 pub fn evaluate(problem: &Problem, chosen: &[Chosen], settings: &Settings) -> Result<Ranking, Error> {
+    evaluate_for(problem, chosen, None, settings)
+}
+
+/// Assessment as [`evaluate()`], with the candidate `own` first if it passes: its rivals are compared with it.
+///
+/// # Errors
+/// As [`evaluate()`].
+pub fn evaluate_for(
+    problem: &Problem,
+    chosen: &[Chosen],
+    own: Option<usize>,
+    settings: &Settings,
+) -> Result<Ranking, Error> {
     problem.check()?;
     let is_open = |i: &usize| chosen.iter().all(|c| c.candidate != *i);
     let tested: Vec<usize> = (0..problem.candidates.len()).filter(is_open).collect();
     let base = BaseFit::new(problem, chosen, settings)?;
     let places = tested.iter().flat_map(|&j| (0..problem.candidates[j].variants.len()).map(move |v| (j, v))).collect();
     let entries = base.assess(problem, places)?;
-    base.rank(problem, &tested, entries, chosen, settings)
+    base.rank(problem, (&tested, own), entries, chosen, settings)
 }
 
 /// Ratio of explained shares from which a candidate precedes one with a smaller tail probability.
@@ -91,7 +104,7 @@ impl<'a> BaseFit<'a> {
     fn rank(
         mut self,
         problem: &Problem,
-        tested: &[usize],
+        (tested, own): (&[usize], Option<usize>),
         entries: Entries<'_>,
         chosen: &[Chosen],
         settings: &Settings,
@@ -118,7 +131,7 @@ impl<'a> BaseFit<'a> {
             let fit = (&self, &entries.rest);
             candidates.push(describe(present[i], problem, fit, &blockwise[i], (chance, gain), settings));
         }
-        let (order, winner) = ordered(&candidates, settings);
+        let (order, winner) = ordered(&candidates, own, settings);
         if let Some(w) = winner {
             self.compare(problem, &present, &blockwise, w, &mut candidates);
         }
@@ -225,14 +238,15 @@ impl Levels {
     }
 }
 
-/// Candidates by the tail probability of their fit, the winner first, if one passes.
-fn ordered(candidates: &[Assessment], settings: &Settings) -> (Vec<usize>, Option<usize>) {
+/// Candidates by the tail probability of their fit, the winner first, if one passes: the candidate `own` where it does.
+fn ordered(candidates: &[Assessment], own: Option<usize>, settings: &Settings) -> (Vec<usize>, Option<usize>) {
     let mut order: Vec<usize> = (0..candidates.len()).collect();
     order.sort_by(|&a, &b| {
         let (x, y) = (&candidates[a], &candidates[b]);
         x.ln_p.total_cmp(&y.ln_p).then(y.f_statistic.total_cmp(&x.f_statistic))
     });
-    let winner = leader(&order, candidates, settings);
+    let own = candidates.iter().position(|a| Some(a.candidate) == own && a.passes(settings));
+    let winner = own.or_else(|| leader(&order, candidates, settings));
     if let Some(place) = winner.and_then(|w| order.iter().position(|&i| i == w)) {
         order[..=place].rotate_right(1);
     }

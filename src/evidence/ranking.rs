@@ -169,6 +169,22 @@ impl Ranking {
         self.best.map(|i| &self.candidates[i])
     }
 
+    /// Significant and relevant candidates with the energy that each leaves of the residual, summed over the channels in
+    /// units of the noise; the one that leaves least first.
+    pub fn by_energy(&self, settings: &Settings) -> Vec<(f64, Chosen)> {
+        let left = |a: &Assessment| self.energy(&a.sum_of_squares);
+        let one = |a: &Assessment| (left(a), Chosen { candidate: a.candidate, variant: a.variant });
+        let mut all: Vec<_> = self.candidates.iter().filter(|a| a.passes(settings)).map(one).collect();
+        all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        all
+    }
+
+    /// Mean square over the samples summed over the channels, in units of the noise; one per channel is the noise.
+    pub fn energy(&self, sum_of_squares: &[f64]) -> f64 {
+        let channels = sum_of_squares.iter().zip(&self.noise).filter(|(_, n)| **n > 0.0);
+        channels.map(|(s, n)| s / (self.samples.max(1) as f64 * n * n)).sum()
+    }
+
     /// Candidates that cannot be distinguished from the best one, best first; empty without a best one.
     pub fn confidence_set(&self) -> Vec<&Assessment> {
         let all = self.order.iter().map(|&i| &self.candidates[i]);

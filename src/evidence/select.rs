@@ -1,7 +1,7 @@
 //! Forward selection of effects with backward elimination.
 
 use super::Error;
-use super::evaluate::evaluate;
+use super::evaluate::{evaluate, evaluate_for};
 use super::problem::{Chosen, Problem, Settings};
 use super::ranking::Ranking;
 use super::stop::{NEVER, Stop};
@@ -70,7 +70,7 @@ impl Outcome {
 /// # Errors
 /// As [`evaluate()`].
 pub fn select(problem: &Problem, settings: &Settings) -> Result<Outcome, Error> {
-    select_with(problem, settings, NEVER, |_, _| Ok(Refit::Same), false)
+    select_with(problem, settings, NEVER, |_, _| Ok(Refit::Same), false, &[])
 }
 
 /// Selection with a refit. After every addition `refit` receives the effects in the base and the last ranking, and
@@ -81,6 +81,8 @@ pub fn select(problem: &Problem, settings: &Settings) -> Result<Outcome, Error> 
 /// parameters are restricted by active constraints; without these constraints, the parameters would explain the
 /// contribution of the effect.
 ///
+/// The effects of `begun` are added first, without being asked for, and refitted together.
+///
 /// # Errors
 /// As [`evaluate()`]; also if the refit fails or returns other candidates.
 pub fn select_with<F>(
@@ -89,6 +91,7 @@ pub fn select_with<F>(
     stop: Stop,
     mut refit: F,
     is_held: bool,
+    begun: &[Chosen],
 ) -> Result<Outcome, Error>
 where
     F: FnMut(&[Chosen], &Ranking) -> Result<Refit, String>,
@@ -100,16 +103,16 @@ where
     let mut remaining = loop {
         rankings += 1;
         let ranking = evaluate(refitted.as_ref().unwrap_or(problem), &chosen, settings)?;
-        let Some(best) = ranking.winner().filter(|_| steps.len() < settings.max_steps) else {
-            break ranking;
-        };
+        let best = ranking.winner().filter(|_| steps.len() < settings.max_steps);
+        let best = best.map(|best| Chosen { candidate: best.candidate, variant: best.variant });
+        let Some(added) = begun.get(steps.len()).copied().or(best) else { break ranking };
         if stop() {
             cut_short = true;
             break ranking;
         }
-        let added = Chosen { candidate: best.candidate, variant: best.variant };
         chosen.push(added);
-        match refit(&chosen, &ranking).map_err(Error::Refit)? {
+        let answer = if chosen.len() < begun.len() { Ok(Refit::Same) } else { refit(&chosen, &ranking) };
+        match answer.map_err(Error::Refit)? {
             Refit::Same => (),
             Refit::New(next) => {
                 let names = |p: &Problem| p.candidates.iter().map(|c| c.name.clone()).collect::<Vec<_>>();
@@ -163,9 +166,11 @@ fn judged(
     others: &[Chosen],
     problem: &Problem,
     stated: Option<&Problem>,
-    settings: &Settings,
+    (settings, stop): (&Settings, Stop),
 ) -> Result<Finding, Error> {
-    let ranking = evaluate(problem, others, settings)?;
+    // Where it will not be exchanged for a better one, its rivals are compared with it.
+    let own = stop().then_some(chosen.candidate);
+    let ranking = evaluate_for(problem, others, own, settings)?;
     let passes = ranking.of(chosen.candidate).is_some_and(|a| a.passes(settings));
     match stated.filter(|_| others.is_empty() && !passes) {
         Some(stated) => Ok(Finding { chosen, ranking: evaluate(stated, others, settings)?, as_stated: true }),
@@ -191,7 +196,7 @@ fn prune(
         let mut findings = Vec::new();
         for (i, &c) in chosen.iter().enumerate() {
             let others: Vec<Chosen> = chosen.iter().enumerate().filter(|(k, _)| *k != i).map(|(_, c)| *c).collect();
-            let finding = judged(c, &others, problem, stated, settings)?;
+            let finding = judged(c, &others, problem, stated, (settings, stop))?;
             *rankings += 1 + usize::from(finding.as_stated);
             findings.push(finding);
         }

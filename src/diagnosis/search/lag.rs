@@ -54,6 +54,7 @@ impl Search<'_> {
         model.effects.push(late);
         self.start = self.judge.fit(&model)?;
         self.fits = Fits::default();
+        self.forget_pairs();
         if !self.judge.fitting.is_late() {
             let fit = &self.start.fit;
             let late = delay(&fit.model).expect("just added");
@@ -67,6 +68,7 @@ impl Search<'_> {
         self.lag = Lag::Excluded;
         (self.start, self.problem) = self.without_lag.clone();
         self.fits = Fits::default();
+        self.forget_pairs();
     }
 
     /// The recorder's delay in a fit, s; `None` if it is not part of the model.

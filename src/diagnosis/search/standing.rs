@@ -23,19 +23,38 @@ pub(super) struct Standing {
 }
 
 impl Search<'_> {
-    /// Confirmed outcome of a selection on the validation data, or the name of an effect that is not confirmed.
-    pub(super) fn confirm(&self, mut outcome: Outcome, end: Judged) -> Result<Result<Standing, String>, FitError> {
-        let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
-        if !outcome.cut_short && !self.judge.fitting.is_late() {
-            let without = self.stand(&chosen, &end)?;
-            return Ok(without.map(|without| Standing { outcome, end, without, not_tried: Vec::new() }));
+    /// Confirmed outcome of a selection on the validation data, or the name of an effect that is not confirmed. When the
+    /// time is up, or no further effect may be refused, it is what is confirmed of it.
+    pub(super) fn confirm(&self, outcome: Outcome, end: Judged) -> Result<Result<Standing, String>, FitError> {
+        if outcome.cut_short || self.judge.fitting.is_late() || self.is_exhausted() {
+            return self.confirm_some(outcome, end).map(Ok);
         }
+        let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
+        let without = self.stand(&chosen, &end)?;
+        Ok(without.map(|without| Standing { outcome, end, without, not_tried: Vec::new() }))
+    }
+
+    /// What of a selection is confirmed: all of it, or its longest leading sequence.
+    pub(super) fn confirm_some(&self, outcome: Outcome, end: Judged) -> Result<Standing, FitError> {
+        let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
+        if !outcome.cut_short
+            && !self.judge.fitting.is_late()
+            && let Ok(without) = self.stand(&chosen, &end)?
+        {
+            return Ok(Standing { outcome, end, without, not_tried: Vec::new() });
+        }
+        self.leading(outcome)
+    }
+
+    /// The longest leading sequence of a selection that is confirmed.
+    fn leading(&self, mut outcome: Outcome) -> Result<Standing, FitError> {
+        let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
         let (end, without) = self.longest_standing(&chosen)?;
         outcome.findings.truncate(without.len());
         let unjudged = self.names(&chosen[without.len()..]);
-        let is_open = outcome.cut_short || !unjudged.is_empty();
+        let is_open = outcome.cut_short || (self.judge.fitting.is_late() && !unjudged.is_empty());
         let not_tried = if is_open { untried(&outcome, unjudged, &self.settings) } else { Vec::new() };
-        Ok(Ok(Standing { outcome, end, without, not_tried }))
+        Ok(Standing { outcome, end, without, not_tried })
     }
 
     /// RMS residuals without each of the chosen effects, or the name of the weakest that is not confirmed.

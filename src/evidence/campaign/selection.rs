@@ -107,14 +107,14 @@ fn refit_is_called_and_checked() {
         calls.push((chosen.to_vec(), ranking.winner().map(|a| a.candidate)));
         Ok(Refit::New(Box::new(p.clone())))
     };
-    let o = select_with(&p, &quick(), NEVER, refit, false).unwrap();
+    let o = select_with(&p, &quick(), NEVER, refit, false, &[]).unwrap();
     assert_eq!(calls[0], (vec![Chosen { candidate: 4, variant: 0 }], Some(4)));
     assert!(o.refitted.is_some() && o.found().contains(&4));
     let mut fewer = p.clone();
     fewer.candidates.pop();
-    let wrong = select_with(&p, &quick(), NEVER, |_, _| Ok(Refit::New(Box::new(fewer.clone()))), false);
+    let wrong = select_with(&p, &quick(), NEVER, |_, _| Ok(Refit::New(Box::new(fewer.clone()))), false, &[]);
     assert_eq!(wrong.err(), Some(Error::Candidates));
-    let failed = select_with(&p, &quick(), NEVER, |_, _| Err("no".into()), false);
+    let failed = select_with(&p, &quick(), NEVER, |_, _| Err("no".into()), false, &[]);
     assert_eq!(failed.err(), Some(Error::Refit("no".into())));
 }
 
@@ -126,11 +126,11 @@ fn what_was_added_before_the_time_is_up_stays() {
     plant(&mut p, 7, 0, 0.5);
     let asked = std::sync::atomic::AtomicUsize::new(0);
     let after_one = || asked.fetch_add(1, std::sync::atomic::Ordering::Relaxed) > 0;
-    let o = select_with(&p, &quick(), &after_one, |_, _| Ok(Refit::Same), false).unwrap();
+    let o = select_with(&p, &quick(), &after_one, |_, _| Ok(Refit::Same), false, &[]).unwrap();
     assert!(o.cut_short && o.findings.len() == 1, "{:?}", o.found());
     let passing = o.remaining.candidates.iter().filter(|a| a.passes(&quick())).count();
     assert!(passing > 0, "the other one is still there");
-    let never = select_with(&p, &quick(), &|| true, |_, _| Ok(Refit::Same), false).unwrap();
+    let never = select_with(&p, &quick(), &|| true, |_, _| Ok(Refit::Same), false, &[]).unwrap();
     assert!(never.cut_short && never.findings.is_empty());
     assert!(!select(&p, &quick()).unwrap().cut_short);
 }
@@ -140,6 +140,6 @@ fn what_was_added_before_the_time_is_up_stays() {
 fn an_effect_that_is_withdrawn_is_not_found() {
     let mut p = null_problem(51, false);
     plant(&mut p, 4, 0, 0.5);
-    let o = select_with(&p, &quick(), NEVER, |_, _| Ok(Refit::Withdraw), false).unwrap();
+    let o = select_with(&p, &quick(), NEVER, |_, _| Ok(Refit::Withdraw), false, &[]).unwrap();
     assert!(o.cut_short && o.findings.is_empty() && o.remaining.winner().is_some());
 }

@@ -1,0 +1,114 @@
+//! Selections that begin with two effects at once, for errors that forward selection explains with a third one.
+
+use std::cell::OnceCell;
+
+use super::standing::Standing;
+use super::{Search, Selection, with_effects};
+use crate::diagnosis::DiagnosisError;
+use crate::diagnosis::judge::{Judged, relative_energy};
+use crate::effects::ActiveEffect;
+use crate::evidence::{self, Chosen, Pair, Ranking};
+use crate::identification::fit::FitError;
+
+/// Number of pairs that are fitted.
+const FITTED: usize = 2;
+
+/// Share of the error above the noise by which one explanation must leave less than another to be preferred.
+const CLEARLY_LESS: f64 = 0.1;
+
+impl Search<'_> {
+    /// Pairs of effects of the linear problem, best first; none if the statistics fail. The fit with an effect and the ranking
+    /// `beside` it add the best pair of that effect.
+    fn pairs(&self, alone: &Ranking, beside: Option<(Chosen, &Ranking)>) -> &[Pair] {
+        let fitting = self.judge.fitting;
+        self.pairs.get_or_init(|| {
+            let late = || fitting.is_late();
+            let mut pairs = evidence::pairs(&self.problem, alone, &self.settings, &late).unwrap_or_default();
+            fitting.count_rankings(pairs.len());
+            let fitted = beside.and_then(|(first, ranking)| {
+                let (left, second) = *ranking.by_energy(&self.settings).first()?;
+                Some(Pair { chosen: [first, second], left })
+            });
+            pairs.retain(|p| beside.is_none_or(|(first, _)| p.chosen[0] != first));
+            pairs.extend(fitted);
+            pairs.sort_by(|a, b| a.left.total_cmp(&b.left));
+            pairs
+        })
+    }
+
+    /// Whether another pair than the first two `chosen` effects promises to leave clearly less of the error above the
+    /// noise than they do in `ranking`, before they are fitted.
+    pub(super) fn has_better_pairs(&self, chosen: &[Chosen], alone: &Ranking, ranking: &Ranking) -> bool {
+        let [first, second] = chosen else { return false };
+        let Some(own) = ranking.of(second.candidate).filter(|_| !self.has_paired) else { return false };
+        let left = ranking.energy(&own.sum_of_squares);
+        let better = |p: &&Pair| {
+            let is_other = p.chosen.iter().any(|c| ![first, second].map(|c| c.candidate).contains(&c.candidate));
+            is_other && self.above(p.left) < (1.0 - CLEARLY_LESS) * self.above(left)
+        };
+        self.pairs(alone, Some((*first, ranking))).iter().any(|p| better(&p))
+    }
+
+    /// The part of an energy above the noise.
+    fn above(&self, energy: f64) -> f64 {
+        energy - self.judge.floor.len() as f64
+    }
+
+    /// Fits the best pairs of effects together and continues the selection from the one that leaves least, once per
+    /// starting model. Of what is selected, the longest confirmed sequence is kept.
+    pub(super) fn try_pairs(&mut self, progress: &mut dyn FnMut(&str)) -> Result<(), DiagnosisError> {
+        let fitting = self.judge.fitting;
+        if self.has_paired || self.settings.max_steps < 2 || fitting.is_late() {
+            return Ok(());
+        }
+        self.has_paired = true;
+        let Some(alone) = &self.all else { return Ok(()) };
+        progress("pairs of effects");
+        let mut best: Option<(f64, [Chosen; 2])> = None;
+        for pair in self.pairs(alone, None).iter().take(FITTED) {
+            progress(&format!("refit with {}", self.names(&pair.chosen).join(" and ")));
+            // Where no machine with both can be fitted, the pair is none.
+            let Ok(fitted) = self.fitted_together(&pair.chosen) else { continue };
+            let left = relative_energy(&fitted.fit.residuals.rms, &fitting.noise.pooled);
+            if best.is_none_or(|(least, _)| left < least) {
+                best = Some((left, pair.chosen));
+            }
+            if !self.judge.is_more_than_noise(fitted.rms()) {
+                break;
+            }
+        }
+        let Some((_, pair)) = best else { return Ok(()) };
+        if let Selection::Complete(complete) = self.select(&pair, progress)? {
+            let (outcome, end) = *complete;
+            self.paired = Some(self.confirm_some(outcome, end)?);
+        }
+        Ok(())
+    }
+
+    /// The fit with a pair of effects. It begins at the model as stated: without them the parameters imitate both, and may
+    /// lie at edges of the possible.
+    fn fitted_together(&self, pair: &[Chosen]) -> Result<Judged, FitError> {
+        let mut model = self.judge.stated.clone();
+        let own = |a: &ActiveEffect| self.judge.stated.effects.iter().any(|b| b.effect.name() == a.effect.name());
+        model.effects.extend(self.start.fit.model.effects.iter().filter(|a| !own(a)).cloned());
+        self.fits.of(pair, || self.judge.fit(&with_effects(&model, self.candidates, pair, None)))
+    }
+
+    /// Nothing is known of pairs with another starting model.
+    pub(super) fn forget_pairs(&mut self) {
+        (self.pairs, self.has_paired, self.paired) = (OnceCell::new(), false, None);
+    }
+
+    /// The selection that began with a pair if it explains everything above the noise.
+    pub(super) fn clear_pairs(&mut self) -> Option<Standing> {
+        let is_clear = |p: &mut Standing| !p.without.is_empty() && !self.judge.is_more_than_noise(p.end.rms());
+        self.paired.take_if(is_clear)
+    }
+
+    /// The selection that began with a pair if it leaves clearly less of the error above the noise than `standing`.
+    pub(super) fn better_of(&mut self, standing: Standing) -> Standing {
+        let left = |s: &Standing| self.above(relative_energy(s.end.rms(), &self.judge.floor));
+        let is_better = self.paired.as_ref().is_some_and(|p| left(p) < (1.0 - CLEARLY_LESS) * left(&standing));
+        self.paired.take().filter(|_| is_better).unwrap_or(standing)
+    }
+}
