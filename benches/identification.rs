@@ -32,7 +32,7 @@ fn dataset(samples: usize) -> Dataset {
     let joints = (0..samples).map(|k| plant.geometry.inverse_motion(&motion.at(k as f64 * DT)).expect("reachable"));
     let t = (0..samples).map(|k| k as f64 * DT).collect();
     let mut dataset = Dataset { half_width: [10; 4], ..common::planned(setup, t, joints.collect(), DT) };
-    dataset.measured = predict(&Plant::new(&robot, &setup), &dataset).expect("reachable");
+    dataset.set_measured(predict(&Plant::new(&robot, &setup), &dataset).expect("reachable"));
     for (series, sigma) in dataset.measured.iter_mut().zip(SIGMA) {
         series.iter_mut().for_each(|x| *x += sigma * rng.sample::<f64, _>(StandardNormal));
     }

@@ -140,14 +140,14 @@ fn recorded(robot: &Model, seed: u64) -> Dataset {
     let t: Vec<f64> = (0..4000).map(|k| k as f64 * PERIOD).collect();
     let joints = t.iter().map(|&t| motion.at(t).joints(&robot.geometry).unwrap()).collect();
     let channels = Channel::of_drives(robot.mechanism);
-    let exact = Dataset { channels, ..planned(setup, t, joints, PERIOD) };
+    let mut recorded = Dataset { channels, ..planned(setup, t, joints, PERIOD) };
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let mut measured = predict(&Plant::new(robot, &setup), &exact).unwrap();
-    for (series, sigma) in measured.iter_mut().zip(robot.noise.torque) {
+    recorded.set_measured(predict(&Plant::new(robot, &setup), &recorded).unwrap());
+    for (series, sigma) in recorded.measured.iter_mut().zip(robot.noise.torque) {
         let noise = Normal::new(0.0, sigma).unwrap();
         series.iter_mut().for_each(|x| *x += noise.sample(&mut rng));
     }
-    Dataset { measured, ..exact }
+    recorded
 }
 
 #[test]

@@ -29,7 +29,7 @@ fn dataset(robot: &Model, setup: &Setup, samples: usize, dt: f64, motion: impl F
     let joints = (0..samples).map(|k| motion(k as f64 * dt)).collect();
     let exact = Dataset::exact(robot.mechanism, *setup, Channel::TORQUES.to_vec(), dt, joints);
     let mut dataset = Dataset { name: "made".into(), half_width: [10; 4], ..exact };
-    dataset.measured = predict(&Plant::new(robot, setup), &dataset).expect("reachable");
+    dataset.set_measured(predict(&Plant::new(robot, setup), &dataset).expect("reachable"));
     dataset
 }
 

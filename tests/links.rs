@@ -34,7 +34,7 @@ fn dataset(robot: &Model, share: f64) -> Dataset {
     let samples = (0..SAMPLES).map(|k| joints(k as f64 * STEP)).collect();
     let exact = Dataset::exact(robot.mechanism, Setup::default(), Channel::TORQUES.to_vec(), STEP, samples);
     let mut dataset = Dataset { half_width: [10; 4], ..exact };
-    dataset.measured = predict(&Plant::new(robot, &Setup::default()), &dataset).expect("reachable");
+    dataset.set_measured(predict(&Plant::new(robot, &Setup::default()), &dataset).expect("reachable"));
     for (series, sigma) in dataset.measured.iter_mut().zip(SIGMA) {
         series.iter_mut().for_each(|x| *x += share * sigma * rng.sample::<f64, _>(StandardNormal));
     }

@@ -101,7 +101,7 @@ fn recording(model: &Model, payload: Payload, rotation: bool, struts: bool, seed
     let setup = Setup { payload, ..Setup::default() };
     let exact = Dataset::exact(model.mechanism, setup, channels, STEP, samples);
     let mut dataset = Dataset { name: "made".into(), half_width: [10; 4], ..exact };
-    dataset.measured = predict(&Plant::new(model, &dataset.setup), &dataset).expect("reachable");
+    dataset.set_measured(predict(&Plant::new(model, &dataset.setup), &dataset).expect("reachable"));
     for (series, sigma) in dataset.measured.iter_mut().zip(noise(struts)) {
         series.iter_mut().for_each(|x| *x += sigma * rng.sample::<f64, _>(StandardNormal));
     }
@@ -266,7 +266,7 @@ fn a_recording_with_few_rows_is_fitted_and_nothing_is_tested() {
     let short = Dataset {
         t: whole.t[..n].to_vec(),
         joints: whole.joints[..n].to_vec(),
-        measured: whole.measured.iter().map(|m| m[..n].to_vec()).collect(),
+        measured: whole.measured.iter().map(|m| m.window(&(0..n))).collect(),
         segments: std::iter::once(0..n).collect(),
         ..whole
     };

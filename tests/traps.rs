@@ -106,7 +106,7 @@ fn noise_with_memory_is_no_effect_where_laps_show_it() {
     let innovation = Normal::new(0.0, 0.8 * (1.0f64 - 0.81).sqrt()).expect("a width");
     for series in data.measured.iter_mut().take(3) {
         let mut slow = 0.0;
-        for x in series {
+        for x in series.iter_mut() {
             slow = 0.9 * slow + innovation.sample(&mut rng);
             *x += slow;
         }

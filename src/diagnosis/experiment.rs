@@ -153,7 +153,7 @@ impl Open<'_> {
             part.joints.extend(&averaged.joints[window]);
             part.segments.push(start..part.len());
         }
-        part.measured = vec![vec![0.0; part.len()]; part.channels.len()];
+        part.measured = vec![vec![0.0; part.len()].into(); part.channels.len()];
         let weight = averaged.len() as f64 / part.len().max(1) as f64;
         (part, weight)
     }

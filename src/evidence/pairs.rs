@@ -57,7 +57,8 @@ mod tests {
         let mut noise = || -> Vec<f64> { (0..SAMPLES).map(|_| StandardNormal.sample(&mut rng)).collect() };
         let (a, b, own, error) = (noise(), noise(), noise(), noise());
         let both: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a + b).collect();
-        let mixed = |x: &[f64], y: &[f64], share: f64| -> Vec<f64> { x.iter().zip(y).map(|(x, y)| x + share * y).collect() };
+        let mixed =
+            |x: &[f64], y: &[f64], share: f64| -> Vec<f64> { x.iter().zip(y).map(|(x, y)| x + share * y).collect() };
         let candidate = |name: &str, values: Vec<f64>| Candidate {
             name: name.into(),
             variants: vec![Variant {

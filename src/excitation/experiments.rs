@@ -386,7 +386,7 @@ impl Bench<'_> {
             }
             dataset.segments.push(first..dataset.len());
         }
-        dataset.measured = vec![vec![0.0; dataset.len()]; dataset.channels.len()];
+        dataset.measured = vec![vec![0.0; dataset.len()].into(); dataset.channels.len()];
         let covered = dataset.len() as f64 * dt;
         self.possible(&dataset).then_some((dataset, length / covered.max(dt)))
     }
@@ -402,7 +402,8 @@ impl Bench<'_> {
                 .all(|(i, d)| j.qd[i].abs() <= d.max_speed && j.qdd[i].abs() <= SHARE * d.max_acceleration)
         };
         let channels = Channel::of_drives(self.model.mechanism);
-        let probe = Dataset { measured: vec![vec![0.0; dataset.len()]; channels.len()], channels, ..dataset.clone() };
+        let probe =
+            Dataset { measured: vec![vec![0.0; dataset.len()].into(); channels.len()], channels, ..dataset.clone() };
         let strong = |loads: Vec<Vec<f64>>| {
             loads.iter().zip(drives).all(|(series, d)| series.iter().all(|x| x.abs() <= SHARE * d.max_torque))
         };

@@ -11,7 +11,7 @@ use crate::evidence::noise::difference_sigma;
 use crate::kinematics::JointState;
 use crate::machine::{AXES, Configuration, Mechanism, Part, STRUTS, Setup};
 use crate::model::Model;
-use crate::recording::{Channel, Loads, Recording, Rows, Signals, is_even};
+use crate::recording::{Channel, Loads, Recording, Rows, Series, Signals, is_even};
 
 /// Half width of the differentiation, s, up to which reversals are resolved.
 const RESOLVED: f64 = 0.03;
@@ -50,7 +50,7 @@ pub struct Dataset {
     /// Loads from outside that were measured.
     pub loads: Option<Arc<Loads>>,
     /// Measured values, one series per channel.
-    pub measured: Vec<Vec<f64>>,
+    pub measured: Vec<Series>,
     /// Ranges of samples without gaps.
     pub segments: Vec<Range<usize>>,
     /// Sampling period, s.
@@ -65,23 +65,19 @@ pub struct Dataset {
 /// Encoder angles, and the motion including the ringing of elastic gears once it was requested.
 #[derive(Clone, Debug, Default)]
 pub struct EncoderReadings {
-    angles: [Arc<Vec<f64>>; AXES],
-    /// Samples of `angles` that are those of the dataset.
-    within: Range<usize>,
+    angles: [Series; AXES],
     ringing: OnceLock<Vec<JointState>>,
 }
 
 impl EncoderReadings {
     fn rows(&self) -> Rows<'_, AXES> {
-        Rows(self.angles.each_ref().map(|own| own.get(self.within.clone()).unwrap_or_default()))
+        Rows(self.angles.each_ref().map(|own| &**own))
     }
 
     fn window(&self, range: &Range<usize>) -> Self {
-        let first = self.within.start;
         let known = self.ringing.get().map(|all| all[range.clone()].to_vec());
         Self {
-            angles: self.angles.clone(),
-            within: first + range.start..first + range.end,
+            angles: self.angles.each_ref().map(|own| if own.is_empty() { own.clone() } else { own.window(range) }),
             ringing: known.map_or_else(OnceLock::new, OnceLock::from),
         }
     }
@@ -99,7 +95,7 @@ impl Dataset {
             joints,
             readings: EncoderReadings::default(),
             loads: None,
-            measured: vec![vec![0.0; n]; channels.len()],
+            measured: vec![vec![0.0; n].into(); channels.len()],
             channels,
             segments: std::iter::once(0..n).collect(),
             dt,
@@ -135,34 +131,23 @@ impl Dataset {
             Mechanism::Axis(_) => moving(signals, pieces.iter().map(|(kept, _)| kept), angles.resolution(0)),
             Mechanism::Delta { .. } => pieces.iter().map(|(kept, _)| vec![kept.clone()]).collect(),
         };
-        let mut angle: [Vec<f64>; AXES] = Default::default();
-        for ((kept, joints), moving) in pieces.into_iter().zip(moving) {
+        for ((piece, joints), moving) in pieces.into_iter().zip(&moving) {
             // A recording without gaps and rests, the largest case, is moved and not copied.
-            let whole = kept.len() == total && moving == [kept.clone()];
-            if whole {
+            if piece.len() == total && *moving == [piece.clone()] {
                 dataset.joints = joints;
-                dataset.readings.angles = std::array::from_fn(|i| signals.share(Channel::Angle(i)));
-                dataset.readings.within = kept.clone();
             } else {
-                let pieces = moving.iter().map(|range| &joints[range.start - kept.start..range.end - kept.start]);
-                dataset.joints.extend(pieces.flatten());
-            }
-            for range in moving {
-                let first = dataset.t.len();
-                dataset.t.extend(&t[range.clone()]);
-                for (i, own) in angle.iter_mut().enumerate().filter(|_| !whole) {
-                    own.extend(signals[Channel::Angle(i)].get(range.clone()).unwrap_or_default());
-                }
-                for (series, &channel) in dataset.measured.iter_mut().zip(&dataset.channels) {
-                    series.extend(&signals[channel][range.clone()]);
-                }
-                dataset.segments.push(first..dataset.t.len());
+                let moved = moving.iter().map(|range| &joints[range.start - piece.start..range.end - piece.start]);
+                dataset.joints.extend(moved.flatten());
             }
         }
-        if angle.iter().any(|own| !own.is_empty()) {
-            dataset.readings.angles = angle.map(Arc::new);
-            dataset.readings.within = 0..dataset.len();
+        let kept = moving.concat();
+        for range in &kept {
+            let first = dataset.t.len();
+            dataset.t.extend(&t[range.clone()]);
+            dataset.segments.push(first..dataset.t.len());
         }
+        dataset.readings.angles = std::array::from_fn(|i| signals.share(Channel::Angle(i)).pieces(&kept));
+        dataset.measured = dataset.channels.iter().map(|&c| signals.share(c).pieces(&kept)).collect();
         dataset.standing = 1.0 - dataset.len() as f64 / total.max(1) as f64;
         dataset
     }
@@ -223,7 +208,7 @@ impl Dataset {
             t: self.t[range.clone()].to_vec(),
             joints: self.joints[range.clone()].to_vec(),
             readings: self.readings.window(&range),
-            measured: self.measured.iter().map(|m| m[range.clone()].to_vec()).collect(),
+            measured: self.measured.iter().map(|m| m.window(&range)).collect(),
             segments: self.segments.iter().filter_map(clip).collect(),
             ..self.empty()
         }
@@ -240,7 +225,7 @@ impl Dataset {
             let first = sparse.len();
             sparse.t.extend(piece.t);
             sparse.joints.extend(piece.joints);
-            sparse.measured.iter_mut().zip(piece.measured).for_each(|(all, own)| all.extend(own));
+            sparse.measured.iter_mut().zip(piece.measured).for_each(|(all, own)| all.extend(own.iter().copied()));
             sparse.segments.extend(piece.segments.iter().map(|s| first + s.start..first + s.end));
         }
         sparse
@@ -313,7 +298,7 @@ impl Dataset {
             t: blocks.iter().map(|b| self.t[middle(b)]).collect(),
             joints: blocks.iter().map(|b| self.joints[middle(b)]).collect(),
             loads: self.loads.as_ref().map(|loads| Arc::new(loads.averaged(&self.t, &blocks))),
-            measured: self.measured.iter().map(|m| self.means(m, block)).collect(),
+            measured: self.measured.iter().map(|m| self.means(m, block).into()).collect(),
             segments: averaged_segments(std::slice::from_ref(self), block),
             dt: block as f64 * self.dt,
             half_width: self.half_width.map(|m| (m / block).max(MIN_HALF_WIDTH)),
@@ -324,8 +309,13 @@ impl Dataset {
     /// Adds `offset`, rad or m, to the positions of an axis.
     pub fn shift(&mut self, axis: usize, offset: f64) {
         self.joints.iter_mut().for_each(|j| j.q[axis] += offset);
-        Arc::make_mut(&mut self.readings.angles[axis]).iter_mut().for_each(|q| *q += offset);
+        self.readings.angles[axis].iter_mut().for_each(|q| *q += offset);
         self.readings.ringing = OnceLock::new();
+    }
+
+    /// Sets the measured values, one series per channel.
+    pub fn set_measured(&mut self, series: Vec<Vec<f64>>) {
+        self.measured = series.into_iter().map(Series::from).collect();
     }
 
     /// Keeps only `channels`, in their order; channels that the dataset lacks are ignored.

@@ -16,6 +16,7 @@ use super::residuals::difference;
 use super::{Dataset, Residuals};
 use crate::dynamics::Plant;
 use crate::model::Model;
+use crate::recording::Series;
 
 /// Blocks of time per recording: sufficient for the scatter of more parameters than any model has.
 const BLOCKS: usize = 100;
@@ -155,7 +156,7 @@ fn part(plant: &Plant, dataset: &Dataset, range: Range<usize>, of: Rows) -> Resu
     let Rows { length, stride, sigma, free, weight } = of;
     let (around, shift) = surroundings(plant, dataset, &range);
     let (predicted, columns) = prediction_and_columns(plant, &around).map_err(kinematics(dataset))?;
-    let here = |(m, p): (&Vec<f64>, &Vec<f64>)| difference(&m[range.clone()], &p[shift..]);
+    let here = |(m, p): (&Series, &Vec<f64>)| difference(&m[range.clone()], &p[shift..]);
     let residual: Channels = dataset.measured.iter().zip(&predicted).map(here).collect();
     let n = free.len();
     let mut blocks = Vec::new();

@@ -269,7 +269,8 @@ mod tests {
 
     /// Repeats of the measured torque itself: a model that predicts zero.
     fn repeats(datasets: &[Dataset]) -> Option<Repeats> {
-        let residuals = Residuals::from(datasets.iter().map(|t| t.measured.clone()).collect::<Vec<_>>());
+        let measured = |t: &Dataset| t.measured.iter().map(|own| own.to_vec()).collect();
+        let residuals = Residuals::from(datasets.iter().map(measured).collect::<Vec<_>>());
         NoiseLevel::of(&crate::model::testing::slide(), datasets).with_repeats(datasets, &residuals).1
     }
 

@@ -4,12 +4,14 @@ mod channel;
 mod context;
 mod difference;
 mod loads;
+mod series;
 mod signals;
 
 pub use channel::{Channel, FAMILIES, Family, Field, ROWS, multiplier_names};
 pub use context::{Attachment, Contact, Contacts, Context, Level, Note, Poses};
 pub use difference::Difference;
 pub use loads::Loads;
+pub use series::Series;
 pub use signals::{Rows, Signals, is_even, sample_time};
 
 use crate::machine::Setup;

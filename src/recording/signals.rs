@@ -1,9 +1,8 @@
 //! [`Signals`]: the channels of a recording over time.
 
 use std::ops::{Index, Range};
-use std::sync::Arc;
 
-use super::Channel;
+use super::{Channel, Series};
 use crate::machine::{AXES, Joint, Mechanism};
 
 /// Sampled signals; all channels have the length of `t`.
@@ -21,7 +20,7 @@ pub struct Signals {
     /// Empty means a single range; use [`Signals::stretches`].
     pub segments: Vec<Range<usize>>,
     /// The channels in their order; copies share the values until they are changed.
-    series: Vec<(Channel, Arc<Vec<f64>>)>,
+    series: Vec<(Channel, Series)>,
 }
 
 /// `N` channels of one quantity next to each other; those that are not recorded are empty.
@@ -98,24 +97,24 @@ impl Signals {
 
     /// The values of a channel; `None` if it is not recorded.
     pub fn get(&self, channel: Channel) -> Option<&[f64]> {
-        self.place(channel).ok().map(|place| self.series[place].1.as_slice())
+        self.place(channel).ok().map(|place| &*self.series[place].1)
     }
 
     /// The values of a channel without a copy of them; none if it is not recorded.
-    pub fn share(&self, channel: Channel) -> Arc<Vec<f64>> {
-        self.place(channel).map_or_else(|_| Arc::default(), |place| self.series[place].1.clone())
+    pub fn share(&self, channel: Channel) -> Series {
+        self.place(channel).map_or_else(|_| Series::default(), |place| self.series[place].1.clone())
     }
 
     /// The values of a channel, to be changed; `None` if it is not recorded.
-    pub fn get_mut(&mut self, channel: Channel) -> Option<&mut Vec<f64>> {
-        self.place(channel).ok().map(|place| Arc::make_mut(&mut self.series[place].1))
+    pub fn get_mut(&mut self, channel: Channel) -> Option<&mut [f64]> {
+        self.place(channel).ok().map(|place| &mut *self.series[place].1)
     }
 
     /// Sets the values of a channel.
     pub fn set(&mut self, channel: Channel, values: Vec<f64>) {
         match self.place(channel) {
-            Ok(place) => self.series[place].1 = Arc::new(values),
-            Err(place) => self.series.insert(place, (channel, Arc::new(values))),
+            Ok(place) => self.series[place].1 = values.into(),
+            Err(place) => self.series.insert(place, (channel, values.into())),
         }
     }
 
@@ -150,18 +149,18 @@ impl Signals {
     }
 
     /// The recorded drive torques, N·m, to be changed.
-    pub fn torques_mut(&mut self) -> impl Iterator<Item = &mut Vec<f64>> {
+    pub fn torques_mut(&mut self) -> impl Iterator<Item = &mut Series> {
         self.series_mut().filter_map(|(channel, values)| channel.drive().map(|_| values))
     }
 
     /// All channels with their values, in order.
     pub fn series(&self) -> impl Iterator<Item = (Channel, &[f64])> {
-        self.series.iter().map(|(channel, values)| (*channel, values.as_slice()))
+        self.series.iter().map(|(channel, values)| (*channel, &**values))
     }
 
     /// All channels with their values, in order, to be changed.
-    pub fn series_mut(&mut self) -> impl Iterator<Item = (Channel, &mut Vec<f64>)> {
-        self.series.iter_mut().map(|(channel, values)| (*channel, Arc::make_mut(values)))
+    pub fn series_mut(&mut self) -> impl Iterator<Item = (Channel, &mut Series)> {
+        self.series.iter_mut().map(|(channel, values)| (*channel, values))
     }
 
     /// Index ranges of the segments, at least one unless there are no samples.
@@ -178,8 +177,7 @@ impl Signals {
     /// # Panics
     /// If `range` exceeds the samples.
     pub fn part(&self, range: Range<usize>) -> Self {
-        let of = |(channel, values): &(Channel, Arc<Vec<f64>>)| (*channel, Arc::new(values[range.clone()].to_vec()));
-        let series = self.series.iter().map(of).collect();
+        let series = self.series.iter().map(|(channel, own)| (*channel, own.window(&range))).collect();
         Self { series, start: self.start, ..Self::new(self.mechanism, self.t[range.clone()].to_vec()) }
     }
 
@@ -191,7 +189,7 @@ impl Signals {
         }
         self.t.extend(later.t);
         for ((_, own), (_, later)) in self.series.iter_mut().zip(later.series) {
-            Arc::make_mut(own).extend(later.iter());
+            own.extend(later.iter().copied());
         }
     }
 
@@ -200,12 +198,11 @@ impl Signals {
     /// # Panics
     /// If there are fewer.
     pub fn split_off_front(&mut self, count: usize) -> Self {
-        let front = |own: &mut Vec<f64>| {
-            let rest = own.split_off(count);
-            std::mem::replace(own, rest)
-        };
-        let series = self.series.iter_mut().map(|(channel, own)| (*channel, Arc::new(front(Arc::make_mut(own))))).collect();
-        Self { series, start: self.start, ..Self::new(self.mechanism, front(&mut self.t)) }
+        let front = self.part(0..count);
+        self.t.drain(..count);
+        // No window, which would keep what is removed.
+        self.series.iter_mut().for_each(|(_, own)| *own = own[count..].to_vec().into());
+        front
     }
 
     /// Median sampling period, s; zero with fewer than two samples.

@@ -338,7 +338,7 @@ fn low_passed(s: &mut Signals, frequency: f64) {
     let share = 1.0 - (-std::f64::consts::TAU * frequency * PERIOD).exp();
     for series in s.torques_mut() {
         let mut y = series[0];
-        for tau in series {
+        for tau in series.iter_mut() {
             y += share * (*tau - y);
             *tau = y;
         }

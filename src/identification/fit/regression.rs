@@ -13,6 +13,7 @@ use crate::identification::normal_equations::{NormalEquations, Weight};
 use crate::identification::prediction::Channels;
 use crate::identification::{Dataset, Residuals, regularisation};
 use crate::model::Model;
+use crate::recording::Series;
 
 /// Regression problem with all quantities that do not depend on the parameters' present values.
 pub(super) struct Regression<'a> {
@@ -161,7 +162,7 @@ impl<'a> Regression<'a> {
 /// Largest measured magnitude of every channel, scaled such that the mean weight of a row is that of the noise.
 fn largest(datasets: &[Dataset], noise: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let one = |(dataset, sigma): (&Dataset, &Vec<f64>)| {
-        let peak = |m: &Vec<f64>| m.iter().fold(f64::MIN_POSITIVE, |a, b| a.max(b.abs()));
+        let peak = |m: &Series| m.iter().fold(f64::MIN_POSITIVE, |a, b| a.max(b.abs()));
         let peaks: Vec<f64> = dataset.measured.iter().map(peak).collect();
         let ratio: f64 = sigma.iter().zip(&peaks).map(|(s, p)| (s / p).powi(2)).sum::<f64>() / peaks.len() as f64;
         peaks.into_iter().map(|p| p * ratio.sqrt()).collect()

@@ -299,7 +299,7 @@ fn columns_pass_through_gears_with_friction(at_motor: f64) {
     };
     let mut dataset = dataset((0..1500).map(at).collect(), Setup::default());
     dataset.channels.push(Channel::StrutUpper(2));
-    dataset.measured.push(vec![0.0; 1500]);
+    dataset.measured.push(vec![0.0; 1500].into());
     let plant = Plant::new(&elastic, &dataset.setup);
     let analytic = columns(&plant, &dataset, None).unwrap();
     let values: Vec<f64> = plant.parameters().iter().map(|p| p.value).collect();

@@ -17,7 +17,7 @@ use deltatwin::kinematics::JointState;
 use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::machine::{STRUTS, Setup};
 use deltatwin::model::Model;
-use deltatwin::recording::Channel;
+use deltatwin::recording::{Channel, Series};
 use deltatwin::text::significant;
 use deltatwin::twin::Clamps;
 use deltatwin_io::kind::{Kind, kind};
@@ -79,7 +79,7 @@ struct Motion {
     t: Vec<f64>,
     joints: Vec<JointState>,
     /// Measured strut forces, N.
-    measured: Vec<(Channel, Vec<f64>)>,
+    measured: Vec<(Channel, Series)>,
 }
 
 /// Runs the command; returns the exit status.
@@ -222,7 +222,7 @@ fn draw(model: &Model, motion: &Motion, forces: &[[f64; MULTIPLIERS]]) -> deltat
     let mut all = pairs(12, "λ_S");
     for (channel, values) in &motion.measured {
         let k = place(*channel);
-        let measured = Curve::new("measured", motion.t.clone(), values.clone()).color(Color::MEASURED);
+        let measured = Curve::new("measured", motion.t.clone(), values.to_vec()).color(Color::MEASURED);
         let computed = line(k, "computed").color(Color::MODEL).style(Style::Dashed);
         all.push(Panel {
             title: format!("{channel}, measured and computed"),

@@ -85,7 +85,7 @@ impl Drawn<'_> {
         let t = &self.dataset.t;
         self.panels("Measured and predicted", |c| {
             vec![
-                Curve::new("measured", t.clone(), self.dataset.measured[c].clone()).color(Color::MEASURED),
+                Curve::new("measured", t.clone(), self.dataset.measured[c].to_vec()).color(Color::MEASURED),
                 Curve::new("model", t.clone(), predicted[c].clone()).color(Color::MODEL).style(Style::Thin),
             ]
         })

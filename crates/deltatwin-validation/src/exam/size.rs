@@ -337,7 +337,7 @@ impl<'a> Sizer<'a> {
     fn left_exactly(&self, active: &ActiveEffect, direction: &[f64], scale: f64) -> Result<Vec<f64>, FitError> {
         let with = self.with(active, direction, scale);
         let mut dataset = self.dataset.clone();
-        dataset.measured = predict(&Plant::new(&with, self.setup), &dataset).map_err(kinematics(&dataset))?;
+        dataset.set_measured(predict(&Plant::new(&with, self.setup), &dataset).map_err(kinematics(&dataset))?);
         let options = Options { prior_information: Some(self.prior), ..Options::default() };
         let refitted = fit_with(self.robot, &[dataset], std::slice::from_ref(&self.noise), &options)?;
         Ok(refitted.residuals.rms.iter().zip(&self.noise).map(|(r, s)| r / s).collect())

@@ -27,7 +27,7 @@ pub fn of(dataset: &Dataset, left: &[Vec<Vec<f64>>]) -> Vec<Value> {
             (format!("q{n} / {unit}"), of(&|k| dataset.joints[k].q[axis])),
             (format!("q̇{n} / {unit}/s"), of(&|k| dataset.joints[k].qd[axis])),
             (format!("q̈{n} / {unit}/s²"), of(&|k| dataset.joints[k].qdd[axis])),
-            (format!("τ{n} / {}", torque.unit(dataset.mechanism)), dataset.measured[own].clone()),
+            (format!("τ{n} / {}", torque.unit(dataset.mechanism)), dataset.measured[own].to_vec()),
         ];
         let bins: Vec<Value> = over.iter().map(|(label, x)| binned(label, x, left, c)).collect();
         let spectra: Vec<(Vec<f64>, Vec<f64>)> =
