@@ -29,6 +29,7 @@ static SPEC: Spec = Spec::new(
     },
     PARAMETERS,
 )
+.drive_friction()
 .grids(&[&[1.0, 20.0]]);
 
 impl Effect for DriveCoulombAsymmetry {

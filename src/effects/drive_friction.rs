@@ -28,7 +28,8 @@ static SPEC: Spec = Spec::new(
         source: "Gnad et al. eq. 5–7; Tables 1 and 4",
     },
     PARAMETERS,
-);
+)
+.drive_friction();
 
 impl Effect for DriveFriction {
     fn spec(&self) -> &Spec {

@@ -28,7 +28,8 @@ static SPEC: Spec = Spec::new(
         source: "Armstrong-Hélouvry 1991; static/Coulomb 1.05–1.5, v_s 0.03–0.3 rad/s (estimate)",
     },
     PARAMETERS,
-);
+)
+.drive_friction();
 
 impl Effect for DriveStribeck {
     fn spec(&self) -> &Spec {

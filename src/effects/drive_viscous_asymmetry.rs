@@ -23,7 +23,8 @@ static SPEC: Spec = Spec::new(
         source: "usual for geared drives; a few tenths of the viscous coefficient (estimate)",
     },
     PARAMETERS,
-);
+)
+.drive_friction();
 
 impl Effect for DriveViscousAsymmetry {
     fn spec(&self) -> &Spec {

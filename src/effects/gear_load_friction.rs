@@ -31,6 +31,7 @@ static SPEC: Spec = Spec::new(
     },
     PARAMETERS,
 )
+.drive_friction()
 .reads(Reads { torque: true, ..Reads::MOTION });
 
 impl Effect for GearLoadFriction {

@@ -47,6 +47,7 @@ static SPEC: Spec = Spec::new(
     },
     PARAMETERS,
 )
+.drive_friction()
 .constants(constant);
 
 fn constant(parameter: &str, model: &MachineView) -> Option<f64> {

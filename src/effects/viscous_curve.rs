@@ -42,6 +42,7 @@ static SPEC: Spec = Spec::new(
     },
     PARAMETERS,
 )
+.drive_friction()
 // Factors for randomly drawn exponents in the validation; the diagnosis uses the starts.
 .grids(&[&[0.4, 0.6, 1.4, 2.0]])
 .starts({

@@ -214,6 +214,22 @@ impl Dataset {
         }
     }
 
+    /// The path of the motion at `factor` times its speed, backwards if negative, at the same times.
+    pub fn at_speed(&self, factor: f64) -> Self {
+        let faster = |j: &JointState| JointState {
+            q: j.q,
+            qd: j.qd.map(|rate| factor * rate),
+            qdd: j.qdd.map(|acceleration| factor.powi(2) * acceleration),
+        };
+        Self {
+            t: self.t.clone(),
+            joints: self.joints.iter().map(faster).collect(),
+            measured: self.measured.clone(),
+            segments: self.segments.clone(),
+            ..self.empty()
+        }
+    }
+
     /// The first of every `of` pieces of `length` samples, each a segment of its own, or several if it has gaps.
     ///
     /// # Panics

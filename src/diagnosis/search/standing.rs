@@ -3,14 +3,17 @@
 use super::Search;
 use super::models::without_effects;
 use crate::diagnosis::judge::{Judged, relative_energy};
-use crate::effects::Role;
+use crate::effects::{ActiveEffect, Role};
 use crate::evidence::{Chosen, Outcome, Settings};
-use crate::identification::Dataset;
 use crate::identification::fit::{Fit, FitError};
+use crate::identification::{Dataset, predict};
 use crate::machine::Unit;
 
 /// Steps of the measured angle over which a law must change to be told from the steps.
 const RESOLVED: f64 = 2.0;
+
+/// Speeds at which friction must take power, as multiples of the measured one.
+const SPEEDS: [f64; 3] = [1.0, 2.0, -2.0];
 
 /// Effects confirmed by the validation data.
 pub(super) struct Standing {
@@ -34,14 +37,18 @@ impl Search<'_> {
         Ok(without.map(|without| Standing { outcome, end, without, not_tried: Vec::new() }))
     }
 
-    /// What of a selection is confirmed: all of it, or its longest leading sequence.
-    pub(super) fn confirm_some(&self, outcome: Outcome, end: Judged) -> Result<Standing, FitError> {
-        let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
-        if !outcome.cut_short
-            && !self.judge.fitting.is_late()
-            && let Ok(without) = self.stand(&chosen, &end)?
-        {
-            return Ok(Standing { outcome, end, without, not_tried: Vec::new() });
+    /// What of a selection is confirmed: all of it, or what stands after those that do not were taken out, one at a time.
+    pub(super) fn confirm_some(&self, mut outcome: Outcome, mut end: Judged) -> Result<Standing, FitError> {
+        while !outcome.cut_short && !self.judge.fitting.is_late() {
+            let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
+            let refused = match self.stand(&chosen, &end)? {
+                Ok(without) => return Ok(Standing { outcome, end, without, not_tried: Vec::new() }),
+                Err(name) => name,
+            };
+            let kept: Vec<Chosen> = chosen.into_iter().filter(|c| self.shape(c).effect.name() != refused).collect();
+            let Ok(next) = self.refit(&kept, None) else { break };
+            outcome.findings.retain(|f| kept.contains(&f.chosen));
+            end = next;
         }
         self.leading(outcome)
     }
@@ -89,10 +96,13 @@ impl Search<'_> {
         Ok(weakest.map_or(Ok(all), |(_, name)| Err(name.into())))
     }
 
-    /// Whether what a fit says of an effect is no law of the machine: impossible values, or what the derivatives of the
-    /// angles leave.
+    /// Whether what a fit says of an effect is no law of the machine: impossible values, what the derivatives of the
+    /// angles leave, or friction that gives power.
     fn is_no_law(&self, fit: &Fit, name: &str) -> bool {
-        is_impossible(fit, name) || self.is_unresolved(fit, name) || self.is_smoothing(fit, name)
+        is_impossible(fit, name)
+            || self.is_unresolved(fit, name)
+            || self.is_smoothing(fit, name)
+            || self.is_driving(fit, name)
     }
 
     /// Whether the law of an effect changes over an angle that the measured angles do not resolve: their steps, smoothed,
@@ -109,6 +119,30 @@ impl Search<'_> {
         });
         let resolution = datasets.iter().map(finest).fold(0.0, f64::max);
         angles.fold(f64::INFINITY, f64::min) < RESOLVED * resolution
+    }
+
+    /// Whether an effect is friction, and all friction of some drive together gives it power along the measured path at
+    /// one of the [`SPEEDS`]: the law of a controller around a constant rate, τ = −k·Δq̇, looks like negative friction.
+    fn is_driving(&self, fit: &Fit, name: &str) -> bool {
+        let is_friction = |a: &ActiveEffect| a.effect.spec().is_drive_friction;
+        if !fit.model.effects.iter().any(|a| a.effect.name() == name && is_friction(a)) {
+            return false;
+        }
+        let mut smooth = fit.model.clone();
+        smooth.effects.retain(|a| !is_friction(a));
+        let gives = |dataset: &Dataset| {
+            let both = [&fit.model, &smooth].map(|model| predict(&dataset.plant(model), dataset));
+            let [Ok(rough), Ok(smooth)] = both else { return false };
+            dataset.channels.iter().enumerate().any(|(c, channel)| {
+                let axis = channel.drive();
+                let torques = rough[c].iter().zip(&smooth[c]).map(|(rough, smooth)| rough - smooth);
+                axis.is_some_and(|i| {
+                    torques.zip(&dataset.joints).map(|(torque, at)| torque * at.qd[i]).sum::<f64>() < 0.0
+                })
+            })
+        };
+        let datasets = self.judge.fitting.datasets.iter();
+        datasets.flat_map(|dataset| SPEEDS.map(|factor| dataset.at_speed(factor))).any(|dataset| gives(&dataset))
     }
 
     /// Fit with the longest leading sequence of chosen effects that are each confirmed given the previous ones, and

@@ -24,6 +24,8 @@ pub struct Spec {
     /// Whether inverse dynamics along a measured motion depends on the effect. If not, only the twin implements it: its
     /// parameters are not estimated, and the diagnosis lists it as unobservable.
     pub identifiable: bool,
+    /// Whether it is friction of the drives: all of these together take power from each drive.
+    pub is_drive_friction: bool,
     /// Initial values of a search for the effect.
     pub search: Search,
     /// Value of a constant of the law derived from a model, for an effect that is not in the model; `None` keeps the
@@ -118,6 +120,7 @@ impl Spec {
             kind: Kind::Force,
             reads: Reads::MOTION,
             identifiable: true,
+            is_drive_friction: false,
             search,
             constants: unknown,
         }
@@ -138,6 +141,12 @@ impl Spec {
     /// The properties of an effect that inverse dynamics along a measured motion does not depend on.
     pub const fn twin_only(mut self) -> Self {
         self.identifiable = false;
+        self
+    }
+
+    /// The properties of friction of the drives.
+    pub const fn drive_friction(mut self) -> Self {
+        self.is_drive_friction = true;
         self
     }
 
