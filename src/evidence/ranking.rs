@@ -15,7 +15,7 @@ pub struct TooFew {
 
 impl std::fmt::Display for TooFew {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "too few rows to test for missing effects: {} rows, at least {}", self.rows, self.needed)
+        write!(f, "too few rows to test for missing effects: {} of at least {}", self.rows, self.needed)
     }
 }
 

@@ -80,7 +80,8 @@ impl Search<'_> {
         let Some((_, pair)) = best else { return Ok(()) };
         if let Selection::Complete(complete) = self.select(&pair, progress)? {
             let (outcome, end) = *complete;
-            self.paired = Some(self.confirm_some(outcome, end)?);
+            // One effect alone is found with its rivals without the other.
+            self.paired = Some(self.confirm_some(outcome, end)?).filter(|standing| standing.without.len() > 1);
         }
         Ok(())
     }

@@ -11,7 +11,7 @@ const COMPUTED: [Color; 2] = [Color::MODEL, Color::RESIDUAL];
 pub fn measured_and_computed(title: &str, dataset: &Dataset, computed: &[(&str, &[Vec<f64>])]) -> Figure {
     let panel = |axis: usize| {
         let mut curves = vec![
-            Curve::new("measured", dataset.t.clone(), dataset.measured[axis].clone())
+            Curve::new("measured", dataset.t.clone(), dataset.measured[axis].to_vec())
                 .color(Color::MUTED)
                 .style(Style::Thin),
         ];

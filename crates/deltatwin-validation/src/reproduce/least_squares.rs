@@ -48,7 +48,7 @@ impl Stack {
             .filter(|(p, _)| p.role == Role::Linear)
             .map(|(p, mut column)| (p, std::array::from_fn(|axis| std::mem::take(&mut column[axis]))))
             .unzip();
-        Ok(Self { parameters, columns, torque: std::array::from_fn(|axis| dataset.measured[axis].clone()) })
+        Ok(Self { parameters, columns, torque: std::array::from_fn(|axis| dataset.measured[axis].to_vec()) })
     }
 
     /// Regressor with a separate parameter for every axis on which a column acts, in the order of the axes (eqs.

@@ -44,7 +44,7 @@ pub fn section(campaign: &Campaign, assembled: &Assembled) -> miette::Result<Sec
         ),
     ];
     let mut curves =
-        vec![Curve::new("measured", dataset.t.clone(), measured.clone()).color(Color::MUTED).style(Style::Thin)];
+        vec![Curve::new("measured", dataset.t.clone(), measured.to_vec()).color(Color::MUTED).style(Style::Thin)];
     let (mut rms, mut mean) = (Vec::new(), Vec::new());
     for (label, model, color, style) in &variants {
         let computed = compute(model)?;

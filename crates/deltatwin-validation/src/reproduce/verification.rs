@@ -136,7 +136,8 @@ pub fn strut_forces(campaign: &Campaign, assembled: &Assembled) -> miette::Resul
         channels.iter().flat_map(|(_, c)| &all[*c]).copied().reduce(pick).unwrap_or(f64::NAN)
     };
     let [low, high] = paper::FIG_11_RANGE;
-    let everyone = [&ours, &complete, &dataset.measured];
+    let measured: Vec<Vec<f64>> = dataset.measured.iter().map(|own| own.to_vec()).collect();
+    let everyone = [ours.as_slice(), &complete, &measured];
     let lowest = everyone.map(|all| extreme(all, f64::min));
     let highest = everyone.map(|all| extreme(all, f64::max));
     add("lowest of all λ_P".into(), lowest, Some(low));
@@ -152,7 +153,7 @@ pub fn strut_forces(campaign: &Campaign, assembled: &Assembled) -> miette::Resul
             title: format!("strut {}", s + 1),
             y_label: "force / N".into(),
             curves: vec![
-                Curve::new("in the twin", dataset.t.clone(), dataset.measured[c].clone())
+                Curve::new("in the twin", dataset.t.clone(), dataset.measured[c].to_vec())
                     .color(Color::MUTED)
                     .style(Style::Thin),
                 Curve::new("paper's model", dataset.t.clone(), ours[c].clone()).color(Color::MODEL),

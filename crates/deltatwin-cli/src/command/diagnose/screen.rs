@@ -94,7 +94,12 @@ fn candidates(d: &Diagnosis) -> miette::Result<()> {
     let named = |c: &&CandidateReport| matches!(c.standing, Standing::Found | Standing::Rival | Standing::Doubted);
     let tested = |c: &&CandidateReport| !named(c) && c.standing != Standing::Untestable;
     let mut table = Table::new(&["Candidate", "probability", "alone", "outcome", "imitated by"], &[3, 4]);
-    for c in d.candidates.iter().filter(named).chain(d.candidates.iter().filter(tested).take(MAX_OTHERS)) {
+    let shown: Vec<_> =
+        d.candidates.iter().filter(named).chain(d.candidates.iter().filter(tested).take(MAX_OTHERS)).collect();
+    if shown.is_empty() {
+        return Ok(());
+    }
+    for c in shown {
         let cells = [format!("{:.2}", c.probability), percent(c.explained), c.standing.to_string()];
         table.row(std::iter::once(c.name.clone()).chain(cells).chain([grouped(&c.absorbed_by)]));
     }
