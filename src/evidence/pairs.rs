@@ -18,8 +18,8 @@ pub struct Pair {
     pub left: f64,
 }
 
-/// The pairs of each of the [`FIRSTS`] candidates that alone leave least and the effect that leaves least next to it, best
-/// pair first; a beam search of width [`FIRSTS`] where forward selection follows one path. Both must pass at their step.
+/// The pairs of each of the five candidates that alone leave least and the effect that leaves least next to it, best
+/// pair first; a beam search of that width where forward selection follows one path. Both must pass at their step.
 /// Once `stop` returns true, no further pair is sought.
 ///
 /// # Errors
