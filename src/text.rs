@@ -16,6 +16,18 @@ pub fn significant(x: f64, digits: usize) -> String {
     }
 }
 
+/// `value` and its standard error `std` with the same decimals, two digits of the error below 3 of its leading digit and
+/// otherwise one, such as "0.15354 ± 0.00008"; in scientific notation where that would take many digits.
+pub fn with_error(value: f64, std: f64) -> String {
+    let order = |x: f64| if x == 0.0 { 0 } else { x.abs().log10().floor() as i32 };
+    if !(std > 0.0 && std.is_finite()) || order(std) < -7 || order(value.abs().max(std)) > 5 {
+        return format!("{} ± {}", significant(value, 4), significant(std, 2));
+    }
+    let leads_small = std / 10f64.powi(order(std)) < 3.0;
+    let decimals = (i32::from(leads_small) - order(std)).max(0) as usize;
+    format!("{value:.decimals$} ± {std:.decimals$}")
+}
+
 /// The element of `known` nearest to the misspelt name `wrong`; `None` if no name is near enough.
 ///
 /// A name is near enough if its Damerau–Levenshtein distance is at most a third of its length, rounded up (at least 2),
@@ -35,6 +47,20 @@ pub fn nearest<'a>(wrong: &str, known: impl IntoIterator<Item = &'a str>) -> Opt
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_value_has_the_decimals_of_its_error() {
+        for (value, std, text) in [
+            (0.15353, 8.0e-5, "0.15353 ± 0.00008"),
+            (-0.4055, 0.083, "-0.41 ± 0.08"),
+            (12.345, 1.23, "12.3 ± 1.2"),
+            (1234.5, 40.0, "1234 ± 40"),
+            (1.5e9, 2.0e6, "1.500e9 ± 2.0e6"),
+            (3.0, f64::INFINITY, "3.000 ± —"),
+        ] {
+            assert_eq!(with_error(value, std), text);
+        }
+    }
 
     #[test]
     fn only_near_names_are_suggested() {

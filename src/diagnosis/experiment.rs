@@ -14,7 +14,9 @@ use crate::effects::ActiveEffect;
 use crate::evidence::whiten::ArFilter;
 use crate::evidence::{Assessment, Finding, Visibility};
 use crate::excitation::experiments::{Bench, Experiment};
-use crate::excitation::prospect::{Comparison, Information, Noise, Prospect, SURE, in_words, prospect, ranked, which};
+use crate::excitation::prospect::{
+    Comparison, Information, Noise, Prospect, SURE, chance, in_words, prospect, ranked, which,
+};
 use crate::identification::Dataset;
 use crate::identification::dataset::stride_for;
 use crate::model::Model;
@@ -60,6 +62,8 @@ pub struct Open<'a> {
 
 /// Handling time of any experiment in addition to its duration, s.
 const HANDLING: f64 = 600.0;
+/// Number of effects that a proposal describes.
+const SPOKEN: usize = 2;
 /// Number of alternatives that are reported.
 const MENTIONED: usize = 4;
 /// Number of samples of the present data used, and of a window of about a tenth of a second.
@@ -81,13 +85,23 @@ impl Open<'_> {
         let ranked = ranked(promises.into_iter());
         let (experiment, promise) = ranked.first()?;
         let others: Vec<&str> = pairs.iter().map(|both| name(both[0].1.unwrap_or(0))).collect();
-        let goal = match others.is_empty() {
-            true => format!("no known experiment tells {} from its rivals; the best try", name(0)),
-            false => format!("to tell {} from {}", name(0), others.join(", ")),
+        let what = match others.is_empty() {
+            true => format!(
+                "{}, the best try: no known one distinguishes {} from its rivals",
+                in_words(experiment),
+                name(0)
+            ),
+            false => format!(
+                "{}. It would distinguish {} from {}, {}",
+                in_words(experiment),
+                described(&rivals[0]),
+                others.join(", "),
+                chance(promise)
+            ),
         };
         let (a, rival) = promise.worst;
         Some(NextExperiment {
-            what: format!("{goal}: {}", in_words(experiment, promise)),
+            what,
             pair: [Some(a), rival].into_iter().flatten().map(|i| name(i).to_string()).collect(),
             ..proposal(experiment, promise, &ranked)
         })
@@ -109,11 +123,11 @@ impl Open<'_> {
         };
         all.sort_by(|a, b| cost(a).total_cmp(&cost(b)));
         let (experiment, shown) = all.first()?;
-        let names: Vec<String> = shown.iter().map(|(a, _)| unseen[*a].effect.name().to_string()).collect();
+        let effects: Vec<&ActiveEffect> = shown.iter().map(|(a, _)| &unseen[*a]).collect();
         let ranked: Vec<_> = all.iter().map(|(e, s)| (e.clone(), hardest(s))).collect();
         let promise = hardest(shown);
         Some(NextExperiment {
-            what: format!("to see whether there is {}: {}", names.join(", "), in_words(experiment, &promise)),
+            what: format!("{}. It would show {}: {}", in_words(experiment), chance(&promise), listed(&effects)),
             pair: vec![unseen[promise.worst.0].effect.name().to_string()],
             ..proposal(experiment, &promise, &ranked)
         })
@@ -157,6 +171,21 @@ impl Open<'_> {
         let weight = averaged.len() as f64 / part.len().max(1) as f64;
         (part, weight)
     }
+}
+
+/// What an effect is, with its name.
+fn described(active: &ActiveEffect) -> String {
+    format!("{} ({})", active.effect.spec().about.summary, active.effect.name())
+}
+
+/// The first effects with what they are, and the number of the others.
+fn listed(effects: &[&ActiveEffect]) -> String {
+    let first: Vec<String> = effects.iter().take(SPOKEN).map(|a| described(a)).collect();
+    let more = match effects.len().saturating_sub(SPOKEN) {
+        0 => String::new(),
+        n => format!("; and {n} more"),
+    };
+    format!("{}{more}", first.join("; "))
 }
 
 /// Experiment that distinguishes the members of the first set; without a set, one that reveals what the data could

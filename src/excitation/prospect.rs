@@ -220,14 +220,19 @@ pub fn ranked(all: impl Iterator<Item = (Experiment, Prospect)>) -> Vec<(Experim
     all
 }
 
-/// Description of an experiment with its expected outcome, for a sentence.
-pub fn in_words(experiment: &Experiment, promise: &Prospect) -> String {
+/// Description of an experiment with its length, for a sentence.
+pub fn in_words(experiment: &Experiment) -> String {
+    format!("{} for {}", experiment.what, duration(experiment.length))
+}
+
+/// The chance that an experiment shows something, and the length for 95 %.
+pub fn chance(promise: &Prospect) -> String {
     let needed = match promise.seconds {
-        Some(s) if s < 1.0 => "less than 1 s for 95 %".into(),
-        Some(s) => format!("{} for 95 %", duration(s)),
+        Some(s) if s < 1.0 => "95 % after less than 1 s".into(),
+        Some(s) => format!("95 % after {}", duration(s)),
         None => "no length is enough for 95 %".into(),
     };
-    format!("{} ({}: chance {:.2}; {needed})", experiment.what, duration(experiment.length), promise.chance)
+    format!("with a chance of {:.0} % ({needed})", 100.0 * promise.chance)
 }
 
 /// Duration as text.

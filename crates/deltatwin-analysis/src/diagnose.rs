@@ -1,20 +1,19 @@
-//! A diagnosis as JSON and as a sentence.
+//! A diagnosis as JSON.
 
 use std::path::Path;
 
 use serde_json::{Map, Value, json};
 
 use crate::json::{channel_names, estimates, insert_channels, path, repeats};
-use crate::{budget, unexplained};
+use crate::{budget, sentence, unexplained};
 use deltatwin::diagnosis::confidence::{Confidence, Truth};
-use deltatwin::diagnosis::{CandidateReport, Diagnosis, Named, NextExperiment, Verdict};
-use deltatwin::text::significant;
+use deltatwin::diagnosis::{CandidateReport, Diagnosis, Named, NextExperiment};
 
 /// The diagnosis as a JSON object; `model` and `scenario` are the written files.
 pub fn json(d: &Diagnosis, model: Option<&Path>, scenario: Option<&Path>) -> Value {
     let mut object = Map::new();
     object.insert("verdict".into(), json!(d.verdict.to_string()));
-    object.insert("sentence".into(), json!(verdict(d)));
+    object.insert("sentence".into(), json!(sentence::verdict(d)));
     object.insert("unknown_beside".into(), json!(d.unknown_beside()));
     object.insert("left".into(), json!(d.left.largest()));
     object.insert("left_at".into(), left(d));
@@ -103,51 +102,4 @@ fn next(e: &NextExperiment, scenario: Option<&Path>) -> Value {
 fn confusion(c: &Confidence) -> Value {
     let truth = |t: &Truth| json!({ "truth": t.name, "said": t.said, "probability": t.probability });
     json!({ "draws": c.draws, "truths": c.truths.iter().map(truth).collect::<Vec<_>>() })
-}
-
-/// The verdict in one or two sentences.
-pub fn verdict(d: &Diagnosis) -> String {
-    let named = |e: &Named| format!("{} (probability {:.2})", e.name, e.confidence.probability());
-    let names = d.effects.iter().map(named).collect::<Vec<_>>().join(", ");
-    let first = match (d.verdict, d.effects.len()) {
-        (Verdict::None, _) => "Nothing is missing that these data show".to_string(),
-        (Verdict::Effect, _) => format!("One effect is missing: {names}"),
-        (Verdict::Several, n) => format!("{n} effects are missing: {names}"),
-        (Verdict::Ambiguous, _) => {
-            let sets: Vec<String> = d.indistinguishable.iter().map(|set| set.join(" or ")).collect();
-            let open = |e: &&Named| d.indistinguishable.iter().any(|set| set.contains(&e.name));
-            let clear: Vec<String> = d.effects.iter().filter(|e| !open(e)).map(named).collect();
-            let first = if clear.is_empty() {
-                "Something is missing, and these".to_string()
-            } else {
-                format!("{} is missing, and something of which these", clear.join(", "))
-            };
-            format!("{first} data do not tell whether it is {}", sets.join("; nor whether "))
-        }
-        (Verdict::Unknown, 0) => "Something is missing that no known effect explains".to_string(),
-        (Verdict::Unknown, _) => format!("Something is missing that no known effect explains, beside {names}"),
-        (Verdict::Undecided, 0) => "Undecided: the time was up before it was clear what is missing".to_string(),
-        (Verdict::Undecided, _) => format!("Undecided: the time was up; found until then: {names}"),
-    };
-    let left = much(d);
-    if let Some(few) = d.too_few {
-        let first = if left.is_empty() { "The model leaves no more than the noise" } else { left.as_str() };
-        return format!("{first}; {few}.");
-    }
-    match (d.left.beside && d.verdict != Verdict::Unknown, left.is_empty()) {
-        (true, _) => format!("{first} ... and something else: {left}."),
-        (false, true) => format!("{first}."),
-        (false, false) => format!("{first}. {left}."),
-    }
-}
-
-/// The residual above the noise as text; empty if there is none.
-fn much(d: &Diagnosis) -> String {
-    let channels = d.left.channels(&d.channels);
-    let Some((worst, ratio)) = channels.first() else { return String::new() };
-    let others = match channels.len() {
-        1 => String::new(),
-        n => format!(" and more than 1.15 times on {} other{}", n - 1, if n == 2 { "" } else { "s" }),
-    };
-    format!("{} times the noise is left on {}{others}", significant(*ratio, 2), worst.title(d.model.mechanism))
 }

@@ -13,6 +13,7 @@ use crate::{Data, Inputs, Joined, add, compare, diagnose, gate};
 use deltatwin::identification::Estimate;
 use deltatwin::model::{Model, Provenance};
 use deltatwin_io::file::{self, replace_text};
+use deltatwin_io::model::shipped;
 use deltatwin_io::recording::setup;
 
 /// Version of the layout of `result.json`; a reader of version 1 reads every later file of version 1.
@@ -43,7 +44,7 @@ pub struct Input {
 }
 
 impl Input {
-    /// A file with its hash; of a bag's folder the hash of its files in order of their names.
+    /// A file or a shipped model with its hash; of a bag's folder the hash of its files in order of their names.
     ///
     /// # Errors
     /// If it cannot be read.
@@ -54,6 +55,9 @@ impl Input {
                 std::fs::read_dir(file)?.map(|entry| entry.map(|e| e.path())).collect::<io::Result<_>>()?;
             files.sort();
             files.iter().filter(|f| f.is_file()).map(|f| hash(f, &mut hasher)).sum::<io::Result<u64>>()?
+        } else if let Some(text) = shipped::named(file) {
+            hasher.update(text);
+            text.len() as u64
         } else {
             hash(file, &mut hasher)?
         };

@@ -17,6 +17,7 @@ pub mod json;
 pub mod law;
 pub mod page;
 pub mod run;
+pub mod sentence;
 pub mod unexplained;
 
 pub use data::{Data, DataError, Inputs, Joined};

@@ -256,7 +256,7 @@ pub fn headline(page: &mut Report, d: &Diagnosis) {
         Verdict::Unknown => Callout::Bad,
         _ => Callout::Warning,
     };
-    page.callout(kind, &crate::diagnose::verdict(d));
+    page.callout(kind, &crate::sentence::verdict(d));
     let worst =
         |rms: &[f64]| rms.iter().zip(&d.noise_floor).map(|(r, n)| r / n).filter(|r| r.is_finite()).fold(0.0, f64::max);
     let (before, after) = (worst(&d.rms_before), worst(&d.rms_after));
@@ -343,7 +343,7 @@ pub fn addition_budget(page: &mut Report, a: &Addition) {
 pub fn next(page: &mut Report, d: &Diagnosis) {
     let Some(next) = &d.next_experiment else { return };
     page.anchored("next", "What to measure next");
-    page.callout(Callout::Note, &format!("Next experiment, {}.", next.what.trim_end_matches('.')));
+    page.callout(Callout::Note, &format!("Next experiment: {}.", next.what.trim_end_matches('.')));
 }
 
 /// Adds where the results of a page come from.

@@ -9,6 +9,7 @@ pub mod diagnose;
 pub mod effects;
 #[cfg(feature = "studies")]
 pub mod exam;
+pub mod example;
 pub mod excite;
 pub mod forces;
 pub mod gate;
@@ -67,6 +68,7 @@ macro_rules! commands {
 
 commands! {
     Demo(demo),
+    Example(example),
     Run(run),
     Reproduce(reproduce) needs "reproduce",
     Simulate(simulate),

@@ -306,7 +306,7 @@ pub(crate) fn diagnose(task: &Task, job: &Job) -> miette::Result<Outcome> {
         files.push(next_file.clone());
     }
     let more: &[&str] = if files.is_empty() { &[] } else { &["--next", &next_file] };
-    let mut result = task.result(true, diagnosed::verdict(&d), task.command("diagnose", &[], more));
+    let mut result = task.result(true, deltatwin_analysis::sentence::verdict(&d), task.command("diagnose", &[], more));
     result.named = d.effects.iter().map(|e| e.name.clone()).collect();
     result.files = files;
     let scenario = result.files.first().map(Path::new);

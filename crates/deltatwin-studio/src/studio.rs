@@ -9,6 +9,7 @@ use deltatwin::model::Model;
 use deltatwin_analysis::Data;
 use deltatwin_analysis::page::quoted;
 use deltatwin_io::model;
+use deltatwin_io::model::shipped::SHIPPED;
 use miette::{IntoDiagnostic, miette};
 use serde_json::Value;
 
@@ -17,19 +18,6 @@ use crate::job::Job;
 use crate::session::{How, Session, private};
 use crate::stage::{self, Outcome};
 use crate::upload::{self, Kept};
-
-/// Models that come with the program, by the names of their files.
-pub const SHIPPED: [(&str, &str); 9] = [
-    ("irb360-6-1600.toml", include_str!("../../../models/irb360-6-1600.toml")),
-    ("irb360-1-1130.toml", include_str!("../../../models/irb360-1-1130.toml")),
-    ("irb360-3-1130.toml", include_str!("../../../models/irb360-3-1130.toml")),
-    ("irb360-8-1130.toml", include_str!("../../../models/irb360-8-1130.toml")),
-    ("irb360-1-1600.toml", include_str!("../../../models/irb360-1-1600.toml")),
-    ("irb360-6-1600-disassembled.toml", include_str!("../../../models/irb360-6-1600-disassembled.toml")),
-    ("clavel-delta.toml", include_str!("../../../models/clavel-delta.toml")),
-    ("linear-delta.toml", include_str!("../../../models/linear-delta.toml")),
-    ("servo-axis.toml", include_str!("../../../models/servo-axis.toml")),
-];
 
 /// A session in a folder, which no other process has open.
 pub struct Studio {
@@ -189,9 +177,10 @@ impl Studio {
                 s.changed(&self.folder)
             }),
             "shipped" => {
-                let found = SHIPPED.iter().find(|(name, _)| *name == text("model"));
-                let (name, content) = found.ok_or_else(|| miette!("there is no model of this name"))?;
-                let kept = upload::keep(&self.idle()?.folder, name, &mut content.as_bytes())?;
+                let name = text("model");
+                let found = SHIPPED.iter().find(|(own, _)| *own == name.trim_end_matches(".toml"));
+                let (own, content) = found.ok_or_else(|| miette!("there is no model of this name"))?;
+                let kept = upload::keep(&self.idle()?.folder, &format!("{own}.toml"), &mut content.as_bytes())?;
                 self.add(kept, "shipped").map(drop)
             }
             "read" => {

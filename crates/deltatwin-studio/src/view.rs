@@ -16,7 +16,8 @@ use miette::{IntoDiagnostic, miette};
 use serde_json::{Value, json};
 
 use crate::session::Session;
-use crate::studio::{SHIPPED, Studio};
+use crate::studio::Studio;
+use deltatwin_io::model::shipped::SHIPPED;
 
 /// The state of the session.
 pub(crate) fn state(studio: &Studio) -> Value {

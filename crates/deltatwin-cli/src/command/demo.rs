@@ -12,10 +12,12 @@ use crate::terminal::{origin, spinner, wrapped};
 use deltatwin::model::Model;
 use deltatwin::recording::Channel;
 use deltatwin::recording::Recording;
+use deltatwin::text::with_error;
 use deltatwin::twin::origin::of_recording;
-use deltatwin_analysis::{Inputs, folder};
+use deltatwin_analysis::{Inputs, folder, sentence};
 use deltatwin_io::model;
-use deltatwin_validation::demo::{DURATION, Findings, MODEL, describe, hidden, hide, investigate};
+use deltatwin_io::model::shipped::IRB_360_6_1600;
+use deltatwin_validation::demo::{DURATION, Findings, LeftOut, describe, hidden, hide, investigate};
 use deltatwin_validation::exam::Campaign;
 
 /// Hide an effect in a robot, measure it, and find it: the whole loop in under a minute.
@@ -52,38 +54,49 @@ macro_rules! tell {
     }};
 }
 
-/// Runs the demo; returns the exit status 0, or 1 if the hidden effect was not found.
-pub fn run(args: &Args) -> miette::Result<u8> {
-    let model = model::parse(MODEL, Path::new("models/irb360-6-1600.toml"))?;
-    let say = |text: String| {
-        if !args.json {
-            tell!("{text}");
-        }
-    };
-    say(format!("A robot with a hidden effect is simulated, and the effect found: about {SECONDS} s on two cores."));
-    say(format!("Robot: {} with a 2.5 kg payload and one effect its model does not have.", model.name));
+/// Measures a robot with a hidden effect, with a bar; the effects that were drawn and left out, with the reasons.
+///
+/// # Errors
+/// If there is no such effect, or the machine cannot be simulated.
+pub fn measured(seed: u64, effect: Option<&str>) -> miette::Result<(Campaign, LeftOut)> {
+    let model = model::parse(IRB_360_6_1600, Path::new("irb360-6-1600"))?;
     let bar = ProgressBar::new((2.0 * DURATION * 1000.0) as u64);
     bar.set_style(
         ProgressStyle::with_template("{prefix:>10} [{bar:40}] {percent:>3} % {msg}").expect("a valid template"),
     );
     bar.set_prefix("measure");
     let done = [std::sync::atomic::AtomicU64::new(0), std::sync::atomic::AtomicU64::new(0)];
-    let robot = hide(&model, args.seed, args.effect.as_deref()).into_diagnostic()?;
+    let robot = hide(&model, seed, effect).into_diagnostic()?;
     let left_out = robot.left_out;
-    if !left_out.is_empty() {
-        let each: Vec<String> = left_out.iter().map(|(name, why)| format!("{name} ({why})")).collect();
-        say(wrapped(&format!("Drawn and left out: {}.", each.join(", ")), 0));
-    }
-    let measured = robot.prepared.record(&model, &|k, t| {
+    let campaign = robot.prepared.record(&model, &|k, t| {
         let now = (t * 1000.0) as u64;
         let before = done[k].swap(now, std::sync::atomic::Ordering::Relaxed);
         bar.inc(now - before);
     });
     bar.finish_and_clear();
-    let measured = measured.into_diagnostic()?;
-    say(format!(
-        "Measured: two motions of {DURATION} s at {:.1} kHz, quantised encoders, noisy torques, one strut with a force sensor.",
-        1e-3 / model.sample_time
+    Ok((campaign.into_diagnostic()?, left_out))
+}
+
+/// Runs the demo; returns the exit status 0, or 1 if the hidden effect was not found.
+pub fn run(args: &Args) -> miette::Result<u8> {
+    let say = |text: String| {
+        if !args.json {
+            tell!("{text}");
+        }
+    };
+    say(format!("A robot with a hidden effect is simulated, and the effect found: about {SECONDS} s on two cores."));
+    say("Robot: IRB 360-6/1600 with a 2.5 kg payload and one effect its model does not have.".into());
+    let (measured, left_out) = measured(args.seed, args.effect.as_deref())?;
+    if !left_out.is_empty() {
+        let each: Vec<String> = left_out.iter().map(|(name, why)| format!("{name} ({why})")).collect();
+        say(wrapped(&format!("Drawn and left out: {}.", each.join(", ")), 0));
+    }
+    say(wrapped(
+        &format!(
+            "Measured: two motions of {DURATION} s at {:.1} kHz, quantised encoders, noisy torques, one strut with a force sensor.",
+            1e-3 / measured.model.sample_time
+        ),
+        0,
     ));
     let progress = spinner("check");
     let findings = investigate(&measured, &mut |step| progress.set_message(super::run::message(&step)));
@@ -143,23 +156,12 @@ fn print(campaign: &Campaign, findings: &Findings, files: &[PathBuf]) {
     for f in findings.analysis.delivered.findings.iter().take(4) {
         tell!("  {}", f.sentence);
     }
-    tell!("\nDiagnosis: {}", d.verdict);
-    for e in &d.effects {
-        tell!(
-            "  {} (probability {:.2}, explains {:.1} % of the explainable error)",
-            e.name,
-            e.confidence.probability(),
-            100.0 * e.explained
-        );
-        for p in &e.parameters {
-            tell!("    {:<18} {}", p.name, p.unit.quantity(format!("{:>10.5} ± {:.5}", p.value, p.std)));
-        }
-    }
-    for set in &d.indistinguishable {
-        tell!("  these data cannot tell apart: {}", set.join(", "));
+    tell!("\n{}", wrapped(&format!("Diagnosis: {}", sentence::verdict(d)), 0));
+    for p in d.effects.iter().flat_map(|e| &e.parameters) {
+        tell!("    {:<18} {}", p.name, p.unit.quantity(format!("{:>20}", with_error(p.value, p.std))));
     }
     if let Some(next) = &d.next_experiment {
-        tell!("{}", wrapped(&format!("next experiment, {}", next.what), 2));
+        tell!("{}", wrapped(&format!("Next experiment: {}", next.what), 0));
     }
     let [delivered, identified, added] = findings.stage_rms();
     tell!("\nRMS error on the held-out motion");
@@ -216,7 +218,7 @@ mod tests {
     fn a_recording_has_the_robot_the_model_and_the_command() {
         let folder = tempfile::tempdir().unwrap();
         let args = Args { output: folder.path().into(), effect: Some("base_tilt".into()), ..Args::default() };
-        let known = model::parse(MODEL, Path::new("models/irb360-6-1600.toml")).unwrap();
+        let known = model::parse(IRB_360_6_1600, Path::new("models/irb360-6-1600.toml")).unwrap();
         let t = (0..100).map(|k| f64::from(k) * 4e-4).collect();
         let signals = Signals::of_drives(known.mechanism, t, &[[0.3; 4]; 100], &[[0.0; 4]; 100]);
         let file = keep(&args, &known, &Recording { name: "run".into(), signals, ..Recording::default() }).unwrap();

@@ -138,7 +138,7 @@ fn write(
         write_figure(path, &drawing::shape::shape(&u.shape, &format!("What acts on {}", u.location), u.unit))
     });
     let next = scenario.map(|(next, output)| {
-        let comments = [format!("Proposed by `deltatwin diagnose`, {}.", next.what)];
+        let comments = [format!("Proposed by `deltatwin diagnose`: {}.", next.what)];
         write_experiment(&next.experiment, &comments, SEED, (model, &args.model), output)?;
         if args.json { Ok(()) } else { say(format!("  Wrote {}", output.display())) }
     });

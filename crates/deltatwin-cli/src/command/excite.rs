@@ -7,11 +7,11 @@ use miette::{IntoDiagnostic, WrapErr, miette};
 use nalgebra::Vector3;
 use serde_json::{Map, Value, json};
 
-use crate::terminal::{DONE, INTERRUPTED, Table, bar, catch_interrupt, check_output, interrupted, path, say};
+use crate::terminal::{DONE, INTERRUPTED, Table, bar, catch_interrupt, check_output, interrupted, path, say, wrapped};
 use deltatwin::effects::{ActiveEffect, Role};
 use deltatwin::excitation::discriminate::{Discrimination, discriminate};
 use deltatwin::excitation::experiments::{Experiment, Kind};
-use deltatwin::excitation::prospect::{Prospect, duration, in_words};
+use deltatwin::excitation::prospect::{Prospect, chance, duration, in_words};
 use deltatwin::excitation::{Design, Hemisphere, Merit, Objective, Options, design};
 use deltatwin::machine::Mechanism;
 use deltatwin::model::Model;
@@ -193,7 +193,7 @@ fn tell(planned: &Discrimination, args: &Args, model: &Model, solve: f64) -> mie
             .collect::<Vec<_>>()
     };
     let mut comments = vec![
-        format!("To tell {a} from {b}, planned by `deltatwin excite --discriminate`: {}.", plan.what),
+        format!("To distinguish {a} from {b}, planned by `deltatwin excite --discriminate`: {}.", plan.what),
         format!(
             "Predicted: δ² = {}, chance {:.2} of the right answer alone; {}.",
             significant(promise.noncentrality, 3),
@@ -231,7 +231,10 @@ fn tell(planned: &Discrimination, args: &Args, model: &Model, solve: f64) -> mie
             table.row(std::iter::once(e.what.clone()).chain(cells).chain(std::iter::once(e.kind.name().into())));
         }
         say(table)?;
-        say(format!("\n  To tell {a} from {b}: {}", in_words(plan, promise)))?;
+        say(format!(
+            "\n{}",
+            wrapped(&format!("To distinguish {a} from {b}: {}, {}", in_words(plan), chance(promise)), 2)
+        ))?;
         say(format!("  Wrote {} after {solve:.1} s", args.output.display()))?;
     }
     Ok(if interrupted() { INTERRUPTED } else { DONE })

@@ -8,6 +8,7 @@ use deltatwin::machine::{Axis, Effort, Joint, Mechanism, Unit};
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::text::significant;
+use deltatwin_io::model::shipped::{CLAVEL_DELTA, IRB_360_6_1600};
 use deltatwin_io::model::{self, Note};
 use deltatwin_io::recording::{self, Mapping, Reading};
 use miette::{IntoDiagnostic, miette};
@@ -18,8 +19,7 @@ use crate::kind::alone;
 use crate::terminal::{DONE, Table, check_output, command, path, say, spinner, today, warn, wrapped};
 
 /// Models that a delta robot's is started from: with a telescope, and without.
-const TEMPLATES: [&str; 2] =
-    [include_str!("../../../../models/irb360-6-1600.toml"), include_str!("../../../../models/clavel-delta.toml")];
+const TEMPLATES: [&str; 2] = [IRB_360_6_1600, CLAVEL_DELTA];
 
 /// Write a first model from recordings alone.
 #[derive(clap::Args, Clone, Debug)]

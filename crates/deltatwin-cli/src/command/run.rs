@@ -138,20 +138,19 @@ fn show(_: &Path, _: &Analysis, _: &crate::data::Inputs, _: &Model, _: &Data) ->
 
 fn print(a: &Analysis) -> miette::Result<()> {
     let d = &a.diagnosis;
-    say("Where the identified model fails")?;
-    if a.identified.findings.is_empty() {
-        say("  nothing stands out")?;
-    }
-    for finding in a.identified.findings.iter().take(4) {
-        say(wrapped(&finding.sentence, 2))?;
-    }
-    say(format!("\n{}", wrapped(&deltatwin_analysis::diagnose::verdict(d), 0)))?;
+    say(wrapped(&deltatwin_analysis::sentence::verdict(d), 0))?;
     say(format!(
         "\n{}",
         error_bars(d.model.mechanism, &d.channels, d.budget.held_out, &d.rms_before, &d.rms_after, &d.noise_floor)
     ))?;
+    if !a.identified.findings.is_empty() {
+        say("\n  Where the identified model fails")?;
+    }
+    for finding in a.identified.findings.iter().take(4) {
+        say(wrapped(&finding.sentence, 4))?;
+    }
     if let Some(next) = &d.next_experiment {
-        say(format!("\n{}", wrapped(&format!("Next experiment, {}", next.what), 2)))?;
+        say(format!("\n{}", wrapped(&format!("Next experiment: {}", next.what), 2)))?;
     }
     Ok(())
 }

@@ -3,6 +3,7 @@
 pub mod meshes;
 mod read;
 mod schema;
+pub mod shipped;
 mod table;
 pub mod uncertainty;
 mod write;

@@ -14,11 +14,12 @@ use deltatwin::machine::{
     AXES, Actuator, Axis, Bodies, Drive, Effort, Geometry, Inertia, Joint, LinkParameters, Mechanism, Stops,
 };
 use deltatwin::model::{Added, Model};
-use miette::{IntoDiagnostic, Result, WrapErr, miette};
+use miette::{Result, WrapErr, miette};
 use toml::de::{DeTable, DeValue};
 
 use super::meshes;
 use super::schema::{self, Bounds, Shape};
+use super::shipped;
 use super::table::{Table, Value, keys, suggestion};
 use crate::file;
 use crate::kind::Kind;
@@ -26,13 +27,22 @@ use crate::source::{Checked, Source};
 
 mod formula;
 
-/// Reads a model file.
+/// Reads a model file, or the shipped model of that name.
 ///
 /// # Errors
 /// If the file cannot be read; else the first error in it, with its position.
 pub fn read(path: &Path) -> Result<Model> {
+    if let Some(text) = shipped::named(path) {
+        return parse(text, path);
+    }
+    let known = || shipped::SHIPPED.map(|(name, _)| name).join(", ");
+    let bare = path.extension().is_none() && path.parent().is_none_or(|folder| folder.as_os_str().is_empty());
+    let unread = |e: std::io::Error| match bare {
+        true => miette!(help = format!("expected a file, or a shipped model: {}", known()), "{e}"),
+        false => miette!("{e}"),
+    };
     let text =
-        file::text(path).into_diagnostic().wrap_err_with(|| format!("cannot read model file {}", path.display()))?;
+        file::text(path).map_err(unread).wrap_err_with(|| format!("cannot read model file {}", path.display()))?;
     let other = Kind::instead_of(Kind::Model, &text);
     parse(&text, path)
         .map_err(|e| other.map_or(e, |other| miette!("{}: is a {other}; expected a model", path.display())))

@@ -15,9 +15,6 @@ use deltatwin::text::significant;
 use deltatwin_analysis::run::RunError;
 use deltatwin_analysis::{Analysis, Data, Settings, Step, run};
 
-/// The machine of the demo: the shipped model of the IRB 360-6/1600.
-pub const MODEL: &str = include_str!("../../../../models/irb360-6-1600.toml");
-
 /// Duration of each recording, s.
 pub const DURATION: f64 = 20.0;
 
@@ -29,12 +26,15 @@ pub enum DemoError {
     Campaign(#[from] CampaignError),
 }
 
+/// Effects that were drawn and not hidden, and why.
+pub type LeftOut = Vec<(&'static str, &'static str)>;
+
 /// A robot to be measured.
 pub struct Robot {
     /// The robot with its hidden effect.
     pub prepared: Prepared,
     /// Effects drawn before it, and why they were left out.
-    pub left_out: Vec<(&'static str, &'static str)>,
+    pub left_out: LeftOut,
 }
 
 /// Robot with the hidden `effect` (nothing for `none`). If it is `None`, effects that the model lacks are drawn from

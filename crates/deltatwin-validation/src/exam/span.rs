@@ -319,14 +319,14 @@ mod tests {
     use super::super::outside::Outside;
     use super::super::{Case, MotionKind};
     use super::*;
-    use crate::demo::MODEL;
+    use deltatwin_io::model::shipped::IRB_360_6_1600;
 
     fn share(at: &'static str, law: &'static str) -> f64 {
         share_of(at, law).unwrap()
     }
 
     fn share_of(at: &'static str, law: &'static str) -> Option<f64> {
-        let model = deltatwin_io::model::parse(MODEL, Path::new("models/irb360-6-1600.toml")).unwrap();
+        let model = deltatwin_io::model::parse(IRB_360_6_1600, Path::new("models/irb360-6-1600.toml")).unwrap();
         let outside = Outside { name: "law", at, law };
         let case = Case { outside: Some(outside), motion: MotionKind::Fourier, duration: 6.0, ..Case::default() };
         assert!(prepare(&model, &Case { outside: None, ..case.clone() }, &[]).unwrap().unspanned.is_none());

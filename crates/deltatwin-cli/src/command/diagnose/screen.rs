@@ -7,14 +7,14 @@ use crate::terminal::{Table, command, error_bars, grouped, say, say_repeats, wra
 use deltatwin::diagnosis::candidates::{Standing, Untestable};
 use deltatwin::diagnosis::{CandidateReport, Diagnosis, Verdict};
 use deltatwin::identification::Estimate;
-use deltatwin::text::significant;
+use deltatwin::text::{significant, with_error};
 
 /// Number of candidates shown in addition to those found and their rivals.
 const MAX_OTHERS: usize = 3;
 
 /// Prints the diagnosis on one screen.
 pub fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
-    say(wrapped(&deltatwin_analysis::diagnose::verdict(d), 0))?;
+    say(wrapped(&deltatwin_analysis::sentence::verdict(d), 0))?;
     say("")?;
     let several = d.effects.len() > 1;
     if several {
@@ -73,7 +73,7 @@ const MAX_VALUES: usize = 8;
 fn values(parameters: &[Estimate]) -> String {
     let value = |p: &Estimate| match p.identified() {
         true => {
-            let estimate = format!("{} ± {}", significant(p.value, 4), significant(p.std, 2));
+            let estimate = with_error(p.value, p.std);
             format!("{} = {}", p.name, p.unit.quantity(estimate))
         }
         false => format!("{} not determined alone", p.name),
@@ -130,7 +130,7 @@ fn not_testable(d: &Diagnosis) -> miette::Result<()> {
 /// Prints the next experiment and the next commands.
 fn next(d: &Diagnosis, args: &Args) -> miette::Result<()> {
     if let Some(next) = &d.next_experiment {
-        say(format!("\n{}", wrapped(&format!("Next experiment, {}", next.what), 2)))?;
+        say(format!("\n{}", wrapped(&format!("Next experiment: {}", next.what), 2)))?;
     }
     say("\n  Next")?;
     let model = args.model.display().to_string();

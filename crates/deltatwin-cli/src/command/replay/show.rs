@@ -8,11 +8,11 @@ use serde_json::json;
 use super::Args;
 use crate::terminal::{DONE, INTERRUPTED, catch_interrupt, check_output, interrupted, path, say, spinner, warn};
 use deltatwin::model::Model;
+use deltatwin_io::model::shipped::IRB_360_6_1600;
 use deltatwin_io::{model, recording};
 use deltatwin_rerun::replay::Replay;
 
 /// Default model for the comparison.
-const SHIPPED: &str = include_str!("../../../../../models/irb360-6-1600.toml");
 
 /// Writes the file; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
@@ -54,7 +54,7 @@ fn models(args: &Args) -> miette::Result<(Model, Option<Model>)> {
     // The shipped model is embedded, so it is available in any folder.
     let model = match &args.model {
         Some(file) => model::read(file)?,
-        None => model::parse(SHIPPED, Path::new("irb360-6-1600.toml"))?,
+        None => model::parse(IRB_360_6_1600, Path::new("irb360-6-1600"))?,
     };
     Ok((model, args.beside.as_deref().map(model::read).transpose()?))
 }

@@ -1,0 +1,92 @@
+//! A diagnosis as a sentence of engineering: what acts on the machine and how strongly, the catalogue's name behind it.
+
+use deltatwin::diagnosis::{Diagnosis, Named, Verdict};
+use deltatwin::effects::{Count, Role};
+use deltatwin::identification::Estimate;
+use deltatwin::text::{significant, with_error};
+
+/// The verdict in one or two sentences.
+pub fn verdict(d: &Diagnosis) -> String {
+    let all = |effects: &[&Named]| effects.iter().map(|e| described(d, e)).collect::<Vec<_>>().join("; and ");
+    let effects: Vec<&Named> = d.effects.iter().collect();
+    let first = match (d.verdict, effects.len()) {
+        (Verdict::None, _) => "Nothing is missing that these data show".to_string(),
+        (Verdict::Effect, _) => format!("One effect is missing: {}", all(&effects)),
+        (Verdict::Several, n) => format!("{n} effects are missing: {}", all(&effects)),
+        (Verdict::Ambiguous, _) => ambiguous(d, &all),
+        (Verdict::Unknown, 0) => "Something is missing that no known effect explains".to_string(),
+        (Verdict::Unknown, _) => {
+            format!("Something is missing that no known effect explains, next to {}", all(&effects))
+        }
+        (Verdict::Undecided, 0) => "Undecided: the time was up before it was clear what is missing".to_string(),
+        (Verdict::Undecided, _) => format!("Undecided: the time was up; found until then: {}", all(&effects)),
+    };
+    let left = much(d);
+    if let Some(few) = d.too_few {
+        let first = if left.is_empty() { "The model leaves no more than the noise" } else { left.as_str() };
+        return format!("{first}; {few}.");
+    }
+    match (d.left.beside && d.verdict != Verdict::Unknown, left.is_empty()) {
+        (true, _) => format!("{first} ... and something else: {left}."),
+        (false, true) => format!("{first}."),
+        (false, false) => format!("{first}. {left}."),
+    }
+}
+
+/// What is clear, and what the data do not distinguish.
+fn ambiguous(d: &Diagnosis, all: &dyn Fn(&[&Named]) -> String) -> String {
+    let is_open = |e: &&Named| d.indistinguishable.iter().any(|set| set.contains(&e.name));
+    let clear: Vec<&Named> = d.effects.iter().filter(|e| !is_open(e)).collect();
+    let set = |names: &Vec<String>| names.iter().map(|name| called(d, name)).collect::<Vec<_>>().join(", or ");
+    let sets: Vec<String> = d.indistinguishable.iter().map(set).collect();
+    let first = match clear.is_empty() {
+        true => "Something is missing, and these".to_string(),
+        false => format!("This is missing: {}; and something of which these", all(&clear)),
+    };
+    format!("{first} data do not show whether it is {}", sets.join("; nor whether "))
+}
+
+/// What an effect is, with its name in the catalogue.
+fn called(d: &Diagnosis, name: &str) -> String {
+    let own = d.model.effects.iter().map(|a| &a.effect).find(|e| e.name() == name).cloned();
+    let effect = own.or_else(|| deltatwin::effects::find(name));
+    effect.map_or_else(|| name.to_string(), |e| format!("{} ({name})", e.spec().about.summary))
+}
+
+/// What a found effect is, its size, how much it explains, and how sure that is.
+fn described(d: &Diagnosis, e: &Named) -> String {
+    let size = size(d, e).map(|size| format!(", {size}")).unwrap_or_default();
+    let explains = match d.effects.len() {
+        1 if e.explained > 0.995 => "it explains all of the error above the noise, ".to_string(),
+        1 => format!("it explains {:.0} % of the error above the noise, ", 100.0 * e.explained),
+        _ => String::new(),
+    };
+    format!("{}{size}; {explains}probability {:.2}", called(d, &e.name), e.confidence.probability())
+}
+
+/// The size of an effect: the parameter with the smallest relative error; of one per axis the largest, with its axis.
+fn size(d: &Diagnosis, e: &Named) -> Option<String> {
+    let active = d.model.effects.iter().find(|a| a.effect.name() == e.name)?;
+    let parameter = |p: &Estimate| active.effect.spec().parameters.get(p.param.block);
+    let is_size = |p: &&Estimate| p.identified() && parameter(p).is_some_and(|own| own.role == Role::Linear);
+    let relative = |p: &Estimate| p.value.abs() / p.std;
+    let p = e.parameters.iter().filter(is_size).max_by(|a, b| relative(a).total_cmp(&relative(b)))?;
+    let count = parameter(p)?.count;
+    let is_per_axis = matches!(count, Count::PerArm | Count::PerDrive | Count::PerAxis | Count::AllDrives);
+    let place = match is_per_axis && d.model.mechanism.axes() > 1 {
+        true => format!(" on axis {}", p.param.item + 1),
+        false => String::new(),
+    };
+    Some(format!("{}{place}", p.unit.quantity(with_error(p.value, p.std))))
+}
+
+/// The residual above the noise as text; empty if there is none.
+fn much(d: &Diagnosis) -> String {
+    let channels = d.left.channels(&d.channels);
+    let Some((worst, ratio)) = channels.first() else { return String::new() };
+    let others = match channels.len() {
+        1 => String::new(),
+        n => format!(" and more than 1.15 times on {} other{}", n - 1, if n == 2 { "" } else { "s" }),
+    };
+    format!("{} times the noise is left on {}{others}", significant(*ratio, 2), worst.title(d.model.mechanism))
+}
