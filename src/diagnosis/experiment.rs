@@ -94,7 +94,7 @@ impl Open<'_> {
             false => format!(
                 "{}. It would distinguish {} from {}, {}",
                 in_words(experiment),
-                described(&rivals[0]),
+                name(0),
                 others.join(", "),
                 chance(promise)
             ),
@@ -173,14 +173,10 @@ impl Open<'_> {
     }
 }
 
-/// What an effect is, with its name.
-fn described(active: &ActiveEffect) -> String {
-    format!("{} ({})", active.effect.spec().about.summary, active.effect.name())
-}
-
 /// The first effects with what they are, and the number of the others.
 fn listed(effects: &[&ActiveEffect]) -> String {
-    let first: Vec<String> = effects.iter().take(SPOKEN).map(|a| described(a)).collect();
+    let spoken = |a: &&ActiveEffect| format!("{} ({})", a.effect.spec().about.summary, a.effect.name());
+    let first: Vec<String> = effects.iter().take(SPOKEN).map(spoken).collect();
     let more = match effects.len().saturating_sub(SPOKEN) {
         0 => String::new(),
         n => format!("; and {n} more"),
