@@ -12,8 +12,6 @@ use deltatwin_io::model::shipped::IRB_360_6_1600;
 use deltatwin_io::{model, recording};
 use deltatwin_rerun::replay::Replay;
 
-/// Default model for the comparison.
-
 /// Writes the file; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let [file] = args.recordings.as_slice() else {
