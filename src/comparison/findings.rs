@@ -101,7 +101,8 @@ impl Search<'_> {
     }
 
     fn finding(&self, place: &str, share: f64, what: String) -> Finding {
-        let sentence = format!("{}: {:.0} % of the residual {what}", self.channel, 100.0 * share);
+        let title = self.channel.title(self.datasets[0].mechanism);
+        let sentence = format!("{title}: {:.0} % of the residual {what}", 100.0 * share);
         Finding { channel: self.channel, place: place.into(), share, sentence }
     }
 

@@ -172,11 +172,14 @@ fn recording(path: &Path, &Examination { how, model, payload_mass }: &Examinatio
         1 => "one axis".to_string(),
         n => format!("{n} axes"),
     };
+    let pieces = match s.stretches().len() {
+        1 => "one piece".to_string(),
+        n => format!("{n} pieces"),
+    };
     let summary = format!(
-        "{axes}, {} samples over {duration:.4} s every {:.1} µs in {} stretch(es), {forces} strut forces; {}",
+        "{axes}, {} samples over {duration:.4} s every {:.1} µs in {pieces}, {forces} strut forces; {}",
         s.len(),
         1e6 * s.sample_time(),
-        s.stretches().len(),
         setup(&recording.setup),
     );
     Ok((summary, warnings, gate))

@@ -6,6 +6,7 @@ use deltatwin::identification::initial::quantum;
 use deltatwin::machine::{AXES, Effort, Joint, Mechanism, Unit};
 use deltatwin::model::history::rounded_to;
 use deltatwin::recording::{Channel, sample_time};
+use deltatwin::text::significant;
 
 use super::{Column, Table};
 use crate::recording::ReadError;
@@ -242,7 +243,7 @@ impl Table {
                 return Err(self.value_error(0, &name, problem, "rad/s"));
             }
             if !(0.8..1.25).contains(&scale) {
-                warnings.push(format!("`{name}` is {scale:.2} times the slope of `q{k}`"));
+                warnings.push(format!("`{name}` is {} times the slope of `q{k}`", significant(scale, 3)));
             }
         }
         Ok(())

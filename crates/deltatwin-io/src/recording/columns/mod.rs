@@ -282,7 +282,7 @@ fn note(channel: &str, s: &Source, headers: &[Header]) -> Option<String> {
     let mut text = format!("{channel} = ");
     let stated = header.unit.as_deref().and_then(Unit::find).map_or(1.0, |u| u.factor);
     if s.factor != stated {
-        text += &format!("{} × ", s.factor);
+        text += &format!("{} × ", in_digits(s.factor));
     }
     text += &format!("`{}`", header.text);
     if s.offset != 0.0 {
@@ -292,6 +292,21 @@ fn note(channel: &str, s: &Source, headers: &[Header]) -> Option<String> {
         text += &format!(" {} ms later", 1e3 * s.delay);
     }
     Some(text)
+}
+
+/// A factor with at most six digits, or as the fraction of π that it is.
+fn in_digits(factor: f64) -> String {
+    use std::f64::consts::PI;
+    let fractions = [(PI / 180.0, "π/180"), (PI / 30.0, "π/30"), (2.0 * PI, "2π")];
+    let sign = if factor < 0.0 { "−" } else { "" };
+    let is_it = |value: f64| (factor.abs() / value - 1.0).abs() < 1e-9;
+    match fractions.into_iter().find(|(value, _)| is_it(*value)) {
+        Some((_, text)) => format!("{sign}{text}"),
+        None => {
+            let short = format!("{:.5e}", factor).parse().unwrap_or(factor);
+            if (1e-4..1e6).contains(&factor.abs()) { format!("{short}") } else { format!("{short:e}") }
+        }
+    }
 }
 
 /// Lookup of columns of one file.
