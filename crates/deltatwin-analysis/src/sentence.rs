@@ -64,20 +64,25 @@ fn described(d: &Diagnosis, e: &Named) -> String {
     format!("{}{size}; {explains}probability {:.2}", called(d, &e.name), e.confidence.probability())
 }
 
-/// The size of an effect: the parameter with the smallest relative error; of one per axis the largest, with its axis.
+/// The size of an effect: of the parameters in the unit of the one with the smallest relative error the largest, with its
+/// axis or, next to others, its name.
 fn size(d: &Diagnosis, e: &Named) -> Option<String> {
     let active = d.model.effects.iter().find(|a| a.effect.name() == e.name)?;
     let parameter = |p: &Estimate| active.effect.spec().parameters.get(p.param.block);
     let is_size = |p: &&Estimate| p.identified() && parameter(p).is_some_and(|own| own.role == Role::Linear);
+    let sizes: Vec<&Estimate> = e.parameters.iter().filter(is_size).collect();
     let relative = |p: &Estimate| p.value.abs() / p.std;
-    let p = e.parameters.iter().filter(is_size).max_by(|a, b| relative(a).total_cmp(&relative(b)))?;
-    let count = parameter(p)?.count;
-    let is_per_axis = matches!(count, Count::PerArm | Count::PerDrive | Count::PerAxis | Count::AllDrives);
-    let place = match is_per_axis && d.model.mechanism.axes() > 1 {
-        true => format!(" on axis {}", p.param.item + 1),
-        false => String::new(),
-    };
-    Some(format!("{}{place}", p.unit.quantity(with_error(p.value, p.std))))
+    let surest = sizes.iter().max_by(|a, b| relative(a).total_cmp(&relative(b)))?;
+    let alike = sizes.iter().filter(|p| p.unit == surest.unit && relative(p) >= relative(surest).min(3.0));
+    let p = alike.max_by(|a, b| a.value.abs().total_cmp(&b.value.abs()))?;
+    let size = p.unit.quantity(with_error(p.value, p.std));
+    let is_per_axis =
+        matches!(parameter(p)?.count, Count::PerArm | Count::PerDrive | Count::PerAxis | Count::AllDrives);
+    Some(match (is_per_axis, d.model.mechanism.axes(), sizes.len()) {
+        (true, 2.., _) => format!("{size} on axis {}", p.param.item + 1),
+        (true, ..) | (_, _, 1) => size,
+        _ => format!("{} {size}", p.name),
+    })
 }
 
 /// The residual above the noise as text; empty if there is none.

@@ -16,7 +16,7 @@ use deltatwin_validation::demo::describe;
 #[command(after_help = "Example: deltatwin example -o example")]
 pub struct Args {
     /// Draws the effect, its size, the model's errors, the motions and the noise.
-    #[arg(long, default_value_t = 3)]
+    #[arg(long, default_value_t = 5)]
     pub seed: u64,
     /// Hide this effect instead of one drawn from those that these motions can show; `none` hides nothing.
     #[arg(long, value_name = "NAME")]
@@ -52,7 +52,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         return Ok(DONE);
     }
     let [first, second] = files.each_ref().map(|file| file.display().to_string());
-    say("  Two motions of a robot, as its controller records them: time, four joint angles, four torques.")?;
+    say("  Two motions of a robot, as recorded: time, four joint angles, four torques, one strut force.")?;
     say(format!("  Its model {MODEL} lacks one effect; {} names it.\n", hidden.display()))?;
     say("  Written")?;
     files.iter().try_for_each(|file| say(format!("    {}", file.display())))?;
