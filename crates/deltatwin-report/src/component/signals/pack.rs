@@ -70,7 +70,7 @@ impl Packed {
 
     /// All series, compressed, as base64.
     pub fn text(&self) -> String {
-        let mut encoder = ZlibEncoder::new(Vec::new(), Compression::best());
+        let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
         let written = encoder.write_all(&self.bytes).and_then(|()| encoder.finish());
         STANDARD.encode(written.expect("memory can be written"))
     }
