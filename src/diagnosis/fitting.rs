@@ -42,6 +42,11 @@ pub(super) enum Stage {
     NextExperiment,
 }
 
+/// Most work of a diagnosis, in passes over the data that compute all columns of a model, so that the same recordings have
+/// the same answer on every computer; and the work of a pass that predicts, in such passes.
+const MOST_PASSES: f64 = 100.0;
+const PREDICTION: f64 = 0.3;
+
 /// Share of the time after which no further effect is searched.
 const LAST_SEARCH: f64 = 0.6;
 /// The share for the first effect, large enough for a slow computer to try it.
@@ -134,14 +139,21 @@ impl<'a> Fitting<'a> {
         self.was_stopped.load(Ordering::Relaxed)
     }
 
+    /// Share of the permitted time or work that has passed, the larger one.
+    fn passed(&self) -> f64 {
+        let fitting = self.work().fitting;
+        let passes = fitting.regressions as f64 + PREDICTION * fitting.predictions as f64;
+        (self.clock)().max(passes / MOST_PASSES)
+    }
+
     /// Whether it is too late to search another effect.
     pub fn is_late(&self) -> bool {
-        (self.clock)() >= if self.has_tried.load(Ordering::Relaxed) { LAST_SEARCH } else { FIRST_SEARCH }
+        self.passed() >= if self.has_tried.load(Ordering::Relaxed) { LAST_SEARCH } else { FIRST_SEARCH }
     }
 
     /// Whether a stage may still start.
     pub fn has_time_for(&self, stage: Stage) -> bool {
-        (self.clock)()
+        self.passed()
             < match stage {
                 Stage::UnknownLaw => 0.75,
                 Stage::NextExperiment => 0.9,

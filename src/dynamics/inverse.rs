@@ -166,15 +166,19 @@ pub(crate) fn borne<T: Borne>(
     if plant.effects.iter().any(reads_loads) {
         // Friction moments are a few thousandths of lever times reaction, gear friction a few hundredths of the torque:
         // the contraction factor is small.
+        let mut before = f64::NAN;
         for _ in 0..MAX_REACTION_ITERATIONS {
             let mut next = fixed;
             add_effects(plant, t, motion, states, Some(&loads.output()), &mut next)?;
             let next = solve(&next);
             let change = next.change(&loads);
             loads = next;
-            if change < 1e-11 {
+            // Of a contraction by ρ the error is at most ρ/(1 − ρ) times the last change.
+            let contraction = change / before;
+            if change < CONVERGED || (contraction < 0.5 && change * contraction / (1.0 - contraction) < CONVERGED) {
                 break;
             }
+            before = change;
         }
     }
     Ok(loads)
@@ -239,6 +243,9 @@ fn instant<'a>(
         ..plant.instant(t, motion, state)
     }
 }
+
+/// Error of the loads by fixed-point iteration, N·m or N.
+const CONVERGED: f64 = 1e-11;
 
 /// Iterations after which a contraction factor of 1/3 reaches rounding accuracy.
 pub(crate) const MAX_REACTION_ITERATIONS: usize = 30;

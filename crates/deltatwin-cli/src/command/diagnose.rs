@@ -9,7 +9,7 @@ mod unexplained;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use self::time::Allowance;
+use self::time::{Allowance, Stages};
 use miette::{IntoDiagnostic, WrapErr};
 
 use crate::command::gate::{guard, much_is_left};
@@ -96,9 +96,12 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     catch_interrupt()?;
     let clock = || allowance.passed();
     let options = Options { fixed: &args.hold, clock: &clock, ..Options::default() };
+    let mut stages = Stages::new("noise");
     let answer = diagnose_with(&model, &data.datasets, &data.held_out, &options, &mut |what| {
         progress.set_message(format!("diagnose: {what}"));
+        stages.next(what);
     });
+    let stages = stages.end();
     progress.finish_and_clear();
     let names: Vec<&str> = data.datasets.iter().map(|t| t.name.as_str()).collect();
     let answer = answer.into_diagnostic().wrap_err_with(|| format!("recording {}", names.join(", ")))?;
@@ -110,7 +113,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     } else {
         screen::print(&answer, args)?;
         if args.verbose {
-            details::print(&answer)?;
+            details::print(&answer, &stages)?;
         }
         say("")?;
     }

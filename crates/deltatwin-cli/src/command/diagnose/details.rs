@@ -1,13 +1,17 @@
 //! Additional output of a diagnosis with `--verbose`: all parameters, all candidates with their p-values, the error
-//! budget.
+//! budget, the time of every stage.
 
 use super::budget;
+use super::time::Stage;
 use crate::terminal::{Table, grouped, say, wrapped};
 use deltatwin::diagnosis::Diagnosis;
 use deltatwin::text::significant;
 
+/// Time, s, below which a stage is not listed.
+const SHORT: f64 = 0.05;
+
 /// Prints the details.
-pub fn print(d: &Diagnosis) -> miette::Result<()> {
+pub fn print(d: &Diagnosis, stages: &[Stage]) -> miette::Result<()> {
     for e in &d.effects {
         let mut table = Table::new(&[&e.name, "value", "std", "unit"], &[3]);
         for p in &e.parameters {
@@ -29,5 +33,16 @@ pub fn print(d: &Diagnosis) -> miette::Result<()> {
     say(format!("\n{table}"))?;
     let about = "p: chance that noise alone lets any candidate look like that, beside all that was found. A small p makes no \
                  effect: one that explains less than a tenth of the noise on every channel is too small to matter.";
-    say(wrapped(about, 2))
+    say(wrapped(about, 2))?;
+    let mut table = Table::new(&["Stage", "time", "computing time"], &[0]);
+    for stage in stages.iter().filter(|s| s.computed > SHORT || s.elapsed > SHORT) {
+        table.row([stage.name.clone(), format!("{:.2} s", stage.elapsed), format!("{:.2} s", stage.computed)]);
+    }
+    say(format!("\n{table}"))?;
+    let work = &d.work;
+    let text = format!(
+        "{} fits with {} passes that compute all columns and {} that predict; all candidates assessed {} times",
+        work.fits, work.fitting.regressions, work.fitting.predictions, work.rankings
+    );
+    say(wrapped(&text, 2))
 }

@@ -1,13 +1,13 @@
-//! Time limit of a diagnosis.
+//! Time limit of a diagnosis, and the time of its stages.
 
 use std::time::Instant;
 
 use crate::terminal::interrupted;
 
-/// Default computing time in s per sample of all recordings, and its lower bound in s. On two idle cores this takes about
-/// 30 s for 100 000 samples; the elapsed time on a busy machine is longer.
-const PER_SAMPLE: f64 = 4.8e-4;
-const MIN_SECONDS: f64 = 48.0;
+/// Default computing time in s per sample of all recordings, and its lower bound in s: several times what the work of a
+/// diagnosis takes, which the library bounds, so that a slow computer answers the same.
+const PER_SAMPLE: f64 = 2e-3;
+const MIN_SECONDS: f64 = 200.0;
 
 /// Time limit of a diagnosis.
 pub enum Allowance {
@@ -43,6 +43,44 @@ impl Allowance {
             Self::Passing { begun, seconds } => begun.elapsed().as_secs_f64() / seconds,
             Self::Computing { before, seconds } => (computed() - before) / seconds,
         }
+    }
+}
+
+/// Times of the stages of a diagnosis.
+pub struct Stages {
+    done: Vec<Stage>,
+    begun: (Instant, f64),
+    name: String,
+}
+
+/// A stage with the time it took.
+pub struct Stage {
+    /// What was done.
+    pub name: String,
+    /// Elapsed time, s.
+    pub elapsed: f64,
+    /// Computing time over all cores, s.
+    pub computed: f64,
+}
+
+impl Stages {
+    /// Begins with the first stage.
+    pub fn new(first: &str) -> Self {
+        Self { done: Vec::new(), begun: (Instant::now(), computed()), name: first.into() }
+    }
+
+    /// Ends the stage and begins the next one.
+    pub fn next(&mut self, name: &str) {
+        let (elapsed, computing) = (self.begun.0.elapsed().as_secs_f64(), computed() - self.begun.1);
+        let ended = std::mem::replace(&mut self.name, name.into());
+        self.done.push(Stage { name: ended, elapsed, computed: computing });
+        self.begun = (Instant::now(), computed());
+    }
+
+    /// Ends the last stage; returns all.
+    pub fn end(mut self) -> Vec<Stage> {
+        self.next("");
+        self.done
     }
 }
 
