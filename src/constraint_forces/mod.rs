@@ -16,7 +16,6 @@ pub use statics::{Loads, Statics};
 use crate::dynamics::{Borne, Output};
 use crate::kinematics::Reactions;
 use crate::machine::{ARMS, Mechanism, STRUTS, Unit};
-use crate::numerics::worst;
 
 /// Number of multipliers and of reduced velocities.
 pub const MULTIPLIERS: usize = 21;
@@ -85,9 +84,5 @@ impl Multipliers {
 impl Borne for Multipliers {
     fn output(&self) -> Output {
         self.output()
-    }
-
-    fn change(&self, other: &Self) -> f64 {
-        self.to_array().iter().zip(other.to_array()).map(|(a, b)| a - b).fold(0.0, worst)
     }
 }

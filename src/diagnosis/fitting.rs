@@ -42,9 +42,9 @@ pub(super) enum Stage {
     NextExperiment,
 }
 
-/// Most work of a diagnosis, in passes over the data that compute all columns of a model, so that the same recordings have
-/// the same answer on every computer; and the work of a pass that predicts, in such passes.
-const MOST_PASSES: f64 = 100.0;
+/// Most work of a diagnosis, in passes over the data of an axis that compute all columns of a model, so that the same
+/// recordings have the same answer on every computer; and the work of a pass that predicts, in such passes.
+const MOST_PASSES: f64 = 400.0;
 const PREDICTION: f64 = 0.3;
 
 /// Share of the time after which no further effect is searched.
@@ -143,7 +143,8 @@ impl<'a> Fitting<'a> {
     fn passed(&self) -> f64 {
         let fitting = self.work().fitting;
         let passes = fitting.regressions as f64 + PREDICTION * fitting.predictions as f64;
-        (self.clock)().max(passes / MOST_PASSES)
+        let axes = self.datasets.first().map_or(1, |dataset| dataset.mechanism.axes());
+        (self.clock)().max(axes as f64 * passes / MOST_PASSES)
     }
 
     /// Whether it is too late to search another effect.

@@ -1,6 +1,6 @@
 //! Inverse dynamics and its regressor at one instant.
 
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::{DMatrix, SVector, Vector3};
 
 use super::channels::{ChannelMap, Twist};
 use super::reduction::Reduction;
@@ -8,9 +8,9 @@ use super::{Plant, STILL, inertial_wrench};
 use crate::effects::{ActiveEffect, Instant, Wrenches};
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{KinematicsError, Motion, Reactions};
-use crate::machine::STRUTS;
 use crate::machine::bodies::{BODIES, STRUT};
-use crate::numerics::worst;
+use crate::machine::{AXES, STRUTS};
+use crate::numerics::{Anderson, worst};
 use crate::recording::Channel;
 
 /// Drive torques and strut forces at one instant.
@@ -32,24 +32,38 @@ impl Output {
             _ => 0.0,
         }
     }
+
+    /// Largest absolute difference of a torque or force from `other`, N·m or N; NaN if one is.
+    pub(crate) fn change(&self, other: &Self) -> f64 {
+        self.vector().iter().zip(&other.vector()).map(|(a, b)| a - b).fold(0.0, worst)
+    }
+
+    fn vector(&self) -> SVector<f64, LOADS> {
+        let Self { tau, reactions: Reactions { upper, lower } } = self;
+        SVector::from_iterator(tau.iter().chain(upper).chain(lower).copied())
+    }
+
+    fn from_vector(values: &SVector<f64, LOADS>) -> Self {
+        let of = |first: usize| std::array::from_fn(|k| values[first + k]);
+        Self {
+            tau: std::array::from_fn(|k| values[k]),
+            reactions: Reactions { upper: of(AXES), lower: of(AXES + STRUTS) },
+        }
+    }
 }
+
+/// Number of torques and forces on which laws may depend.
+const LOADS: usize = AXES + 2 * STRUTS;
 
 /// Loads of drives and struts in equilibrium with the wrenches on all bodies.
 pub(crate) trait Borne {
     /// Drive torques and strut forces, on which force laws may depend.
     fn output(&self) -> Output;
-    /// Largest absolute difference of a torque or force from `other`, N·m or N; NaN if one is.
-    fn change(&self, other: &Self) -> f64;
 }
 
 impl Borne for Output {
     fn output(&self) -> Output {
         *self
-    }
-
-    fn change(&self, other: &Self) -> f64 {
-        let values = |o: &Self| o.tau.into_iter().chain(o.reactions.upper).chain(o.reactions.lower);
-        values(self).zip(values(other)).map(|(a, b)| a - b).fold(0.0, worst)
     }
 }
 
@@ -106,10 +120,6 @@ impl Borne for SocketLoads {
     fn output(&self) -> Output {
         self.output
     }
-
-    fn change(&self, other: &Self) -> f64 {
-        self.output.change(&other.output)
-    }
 }
 
 /// Loads of the ball sockets of an assembled robot along a known motion, as [`steady_inverse_dynamics`].
@@ -148,7 +158,7 @@ fn ball_forces(motion: &Motion, wrenches: &[Twist; BODIES], axial: &Reactions) -
 
 /// Loads that `solve` returns for the sum of the `rigid` wrenches and those of all effects.
 ///
-/// If effects depend on the loads, they are computed by fixed-point iteration.
+/// If effects depend on the loads, they are computed by accelerated fixed-point iteration.
 ///
 /// # Errors
 /// [`KinematicsError::Law`] if the value of a force law is not finite.
@@ -164,21 +174,17 @@ pub(crate) fn borne<T: Borne>(
     add_effects(plant, t, motion, states, None, &mut fixed)?;
     let mut loads = solve(&fixed);
     if plant.effects.iter().any(reads_loads) {
-        // Friction moments are a few thousandths of lever times reaction, gear friction a few hundredths of the torque:
-        // the contraction factor is small.
-        let mut before = f64::NAN;
+        let mut iteration = Anderson::default();
+        let mut at = loads.output();
         for _ in 0..MAX_REACTION_ITERATIONS {
             let mut next = fixed;
-            add_effects(plant, t, motion, states, Some(&loads.output()), &mut next)?;
-            let next = solve(&next);
-            let change = next.change(&loads);
-            loads = next;
-            // Of a contraction by ρ the error is at most ρ/(1 − ρ) times the last change.
-            let contraction = change / before;
-            if change < CONVERGED || (contraction < 0.5 && change * contraction / (1.0 - contraction) < CONVERGED) {
+            add_effects(plant, t, motion, states, Some(&at), &mut next)?;
+            loads = solve(&next);
+            let there = loads.output();
+            if at.change(&there) < CONVERGED {
                 break;
             }
-            before = change;
+            at = Output::from_vector(&iteration.next(&at.vector(), &there.vector()));
         }
     }
     Ok(loads)

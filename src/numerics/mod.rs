@@ -1,10 +1,12 @@
-//! Median and standard deviation of a series, bisection for the value at which a condition becomes false, and the
-//! elementary functions of the twin's innermost loop.
+//! Median and standard deviation of a series, bisection for the value at which a condition becomes false, fixed
+//! points, and the elementary functions of the twin's innermost loop.
 
+mod anderson;
 mod elementary;
 
 use std::convert::Infallible;
 
+pub use anderson::Anderson;
 pub use elementary::{sin_cos, tanh};
 
 use statrs::statistics::{Data, OrderStatistics};
