@@ -138,7 +138,7 @@ pub(super) fn reports(found: &Found, effects: &[Named], sets: &[Vec<String>]) ->
             probability,
             explained: alone.explained_share.unwrap_or(0.0).clamp(0.0, 1.0),
             p_adjusted: beside.unwrap_or(alone).p_adjusted,
-            visible: alone.visibility == Visibility::Visible || alone.passes(settings),
+            visible: alone.is_revealed(settings),
             absorbed_by: alone.absorbed_by.iter().map(|x| x.parameter.clone()).collect(),
             standing,
             untestable: reason.filter(|_| standing == Standing::Untestable),

@@ -15,7 +15,7 @@ use super::problem;
 use super::search::{Found, without_effects};
 use super::unknown::Unexplained;
 use crate::effects;
-use crate::evidence::{Assessment, Finding, Visibility};
+use crate::evidence::Finding;
 use crate::identification::NoiseLevel;
 use crate::identification::fit::{Estimate, Fit, FitError};
 use crate::model::Model;
@@ -165,8 +165,7 @@ fn share_of_names(left: f64) -> f64 {
 /// Names of the effects that the data could not reveal at their usual size, those that exist in the twin only last.
 fn unseen(found: &Found, twin_only: &[String]) -> Vec<String> {
     let named = found.outcome.found();
-    let is_hidden = |a: &&Assessment| a.visibility != Visibility::Visible && !a.passes(&found.settings);
-    let hidden = found.all.candidates.iter().filter(is_hidden);
+    let hidden = found.all.candidates.iter().filter(|a| !a.is_revealed(&found.settings));
     let unnamed = hidden.filter(|a| !named.contains(&a.candidate)).map(|a| a.name.clone());
     unnamed.chain(twin_only.iter().cloned()).collect()
 }

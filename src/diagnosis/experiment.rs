@@ -12,7 +12,7 @@ use super::problem;
 use super::search::{Found, without_effects};
 use crate::effects::ActiveEffect;
 use crate::evidence::whiten::ArFilter;
-use crate::evidence::{Assessment, Finding, Visibility};
+use crate::evidence::{Assessment, Finding};
 use crate::excitation::experiments::{Bench, Experiment};
 use crate::excitation::prospect::{
     Comparison, Information, Noise, Prospect, SURE, chance, in_words, prospect, ranked, which,
@@ -212,7 +212,7 @@ pub(super) fn next(
             open(&without_effects(end, &names)).tell(&rivals)
         }
         None => {
-            let unseen = ranking.candidates.iter().filter(|a| a.visibility != Visibility::Visible);
+            let unseen = ranking.candidates.iter().filter(|a| !a.is_revealed(&found.settings));
             let effects: Vec<ActiveEffect> =
                 unseen.map(|a| candidates[a.candidate][a.variant].at_nominal_size()).collect();
             if effects.is_empty() { None } else { open(end).see(&effects) }

@@ -25,7 +25,7 @@ use fits::Fits;
 use lag::{DELAY, Lag};
 use standing::Standing;
 
-/// Largest number of effects refused by the validation. After it the longest confirmed sequence is the answer; where no
+/// Largest number of effects refused by the validation. After it the answer is what stands of a selection; where no
 /// machine with an effect can be fitted, only the strongest one is tried, and after one more refusal none.
 const MAX_REFUSED: usize = 5;
 

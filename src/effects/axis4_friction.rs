@@ -28,7 +28,8 @@ static SPEC: Spec = Spec::new(
         source: "Gnad et al. eq. 48, Table 2, Fig. 9",
     },
     PARAMETERS,
-);
+)
+.drive_friction();
 
 impl Effect for Axis4Friction {
     fn spec(&self) -> &Spec {

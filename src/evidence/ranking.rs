@@ -116,6 +116,11 @@ impl Assessment {
     pub fn passes(&self, settings: &Settings) -> bool {
         self.p_adjusted < settings.alpha && self.max_relevance() >= settings.min_relevance
     }
+
+    /// Whether the data could reveal the candidate at its usual size, or do at the size that they suggest.
+    pub fn is_revealed(&self, settings: &Settings) -> bool {
+        self.visibility == Visibility::Visible || self.passes(settings)
+    }
 }
 
 /// Result of one step.

@@ -2,63 +2,60 @@
 
 use nalgebra::SVector;
 
-/// Number of earlier steps that are remembered.
-const MEMORY: usize = 6;
+/// Number of previous iterations that are remembered: the rank of two inertia-like laws in two directions.
+const DEPTH: usize = 4;
+/// Change relative to its part along other changes below which it is dependent on them.
+const DEPENDENT: f64 = 1e-6;
 
-/// Accelerated iteration to the fixed point of a contraction g in `N` dimensions.
+/// Anderson acceleration of a fixed-point iteration x ← G(x) in `N` dimensions ([Anderson 1965]).
 ///
-/// With the residual f(x) = g(x) − x, the next point is g(x) − ΔG γ with γ = argmin |f(x) − ΔF γ| over the differences of
-/// the last steps [Walker & Ni 2011: Anderson acceleration for fixed-point iterations, SIAM J. Numer. Anal. 49(4)]. For an
-/// affine g this is GMRES: exact after at most `N` steps. The columns of ΔF are kept orthonormal by Gram and Schmidt, and
-/// those of ΔG undergo the same operations.
+/// For an affine G of low rank, such as laws that depend on accelerations like an additional mass, the iteration ends
+/// after one step more than the rank, even where x ← G(x) diverges.
 pub struct Anderson<const N: usize> {
-    /// Orthonormal combinations of differences of residuals, with the same combinations of values of g.
-    pairs: [(SVector<f64, N>, SVector<f64, N>); MEMORY],
+    /// G(x) − x and G(x) of previous iterations, the newest last.
+    past: [(SVector<f64, N>, SVector<f64, N>); DEPTH],
     count: usize,
-    last: Option<(SVector<f64, N>, SVector<f64, N>)>,
 }
 
 impl<const N: usize> Default for Anderson<N> {
     fn default() -> Self {
-        Self { pairs: [(SVector::zeros(), SVector::zeros()); MEMORY], count: 0, last: None }
+        Self { past: [(SVector::zeros(), SVector::zeros()); DEPTH], count: 0 }
     }
 }
 
 impl<const N: usize> Anderson<N> {
-    /// The point after `x`, at which g has the value `g`. After a step that has increased the residual it is `g`, and the
-    /// iteration begins anew: at a kink of g earlier differences mislead.
-    pub fn next(&mut self, x: &SVector<f64, N>, g: &SVector<f64, N>) -> SVector<f64, N> {
-        let f = g - x;
-        if let Some((before, value)) = self.last.replace((f, *g)) {
-            if f.norm() > before.norm() {
-                self.count = 0;
-                return *g;
+    /// Next x: the combination of all known G(x) whose combination of G(x) − x is smallest, by modified Gram–Schmidt.
+    pub fn next(&mut self, x: &SVector<f64, N>, image: &SVector<f64, N>) -> SVector<f64, N> {
+        let (own, mut best) = (image - x, *image);
+        let mut left = own;
+        let mut basis = [(SVector::<f64, N>::zeros(), SVector::<f64, N>::zeros()); DEPTH];
+        let mut known = 0;
+        for (gap, other) in self.past[..self.count].iter().rev() {
+            let (mut change, mut moved) = (own - gap, image - other);
+            let size = change.norm();
+            for (direction, along) in &basis[..known] {
+                let share = change.dot(direction);
+                change -= direction * share;
+                moved -= along * share;
             }
-            self.remember(f - before, g - value);
+            let norm = change.norm();
+            if norm <= DEPENDENT * size {
+                continue;
+            }
+            let (direction, along) = (change / norm, moved / norm);
+            let share = left.dot(&direction);
+            left -= direction * share;
+            best -= along * share;
+            basis[known] = (direction, along);
+            known += 1;
         }
-        self.pairs[..self.count].iter().fold(*g, |next, (q, p)| next - p * q.dot(&f))
-    }
-
-    fn remember(&mut self, df: SVector<f64, N>, dg: SVector<f64, N>) {
-        if self.count == MEMORY {
-            self.pairs.rotate_left(1);
-            self.count -= 1;
-        }
-        let (mut q, mut p) = (df, dg);
-        for (earlier, value) in &self.pairs[..self.count] {
-            let share = earlier.dot(&q);
-            q -= earlier * share;
-            p -= value * share;
-        }
-        // A difference that the earlier ones contain is newer than they are.
-        if q.norm() < 1e-3 * df.norm() {
-            (self.count, q, p) = (0, df, dg);
-        }
-        let size = q.norm();
-        if size > 0.0 {
-            self.pairs[self.count] = (q / size, p / size);
+        if self.count == DEPTH {
+            self.past.rotate_left(1);
+        } else {
             self.count += 1;
         }
+        self.past[self.count - 1] = (own, *image);
+        best
     }
 }
 

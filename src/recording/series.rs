@@ -21,6 +21,14 @@ impl Series {
         Self { all: self.all.clone(), within: first + range.start..first + range.end }
     }
 
+    /// The values in a vector of their own, without what lies outside the window.
+    fn own(&mut self) -> &mut Vec<f64> {
+        if self.within.len() < self.all.len() {
+            *self = self.to_vec().into();
+        }
+        Arc::make_mut(&mut self.all)
+    }
+
     /// Appends a value.
     pub fn push(&mut self, value: f64) {
         self.extend([value]);
@@ -49,10 +57,7 @@ impl Deref for Series {
 
 impl DerefMut for Series {
     fn deref_mut(&mut self) -> &mut [f64] {
-        if Arc::get_mut(&mut self.all).is_none() {
-            *self = self.to_vec().into();
-        }
-        &mut Arc::make_mut(&mut self.all)[self.within.clone()]
+        self.own()
     }
 }
 
@@ -70,12 +75,8 @@ impl FromIterator<f64> for Series {
 
 impl Extend<f64> for Series {
     fn extend<I: IntoIterator<Item = f64>>(&mut self, values: I) {
-        if self.within.len() < self.all.len() || Arc::get_mut(&mut self.all).is_none() {
-            *self = self.to_vec().into();
-        }
-        let all = Arc::make_mut(&mut self.all);
-        all.extend(values);
-        self.within.end = all.len();
+        self.own().extend(values);
+        self.within.end = self.all.len();
     }
 }
 

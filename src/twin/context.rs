@@ -15,7 +15,7 @@ use crate::dynamics::Plant;
 use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
 use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT};
 use crate::machine::{ARMS, AXES, STRUTS};
-use crate::numerics::worst;
+use crate::numerics::{Anderson, worst};
 
 /// Change of the solution below which the iteration over laws that depend on it stops, N, rad/s² or m/s².
 const TOLERANCE: f64 = 1e-9;
@@ -86,61 +86,6 @@ impl Answer {
 
 /// The numbers of an [`Answer`].
 type Numbers = SVector<f64, { 2 * STRUTS + AXES + 6 * BODIES }>;
-
-/// Number of previous iterations that the acceleration remembers: the rank of two inertia-like laws in two directions.
-const DEPTH: usize = 4;
-/// Change relative to its part along other changes below which it is dependent on them.
-const DEPENDENT: f64 = 1e-6;
-
-/// Anderson acceleration of a fixed-point iteration x ← G(x) ([Anderson 1965]).
-///
-/// Laws that depend on accelerations like an additional mass are affine in them and of low rank: the iteration ends
-/// after one step more than the rank, even where x ← G(x) diverges.
-struct Mixing {
-    /// G(x) − x and G(x) of previous iterations, the newest last.
-    past: [(Numbers, Numbers); DEPTH],
-    count: usize,
-}
-
-impl Mixing {
-    fn new() -> Self {
-        Self { past: [(Numbers::zeros(), Numbers::zeros()); DEPTH], count: 0 }
-    }
-
-    /// Next x: the combination of all known G(x) whose combination of G(x) − x is smallest, by modified Gram–Schmidt.
-    fn next(&mut self, x: &Numbers, image: &Numbers) -> Numbers {
-        let (own, mut best) = (image - x, *image);
-        let mut left = own;
-        let mut basis = [(Numbers::zeros(), Numbers::zeros()); DEPTH];
-        let mut known = 0;
-        for (gap, other) in self.past[..self.count].iter().rev() {
-            let (mut change, mut moved) = (own - gap, image - other);
-            let size = change.norm();
-            for (direction, along) in &basis[..known] {
-                let share = change.dot(direction);
-                change -= direction * share;
-                moved -= along * share;
-            }
-            let norm = change.norm();
-            if norm <= DEPENDENT * size {
-                continue;
-            }
-            let (direction, along) = (change / norm, moved / norm);
-            let share = left.dot(&direction);
-            left -= direction * share;
-            best -= along * share;
-            basis[known] = (direction, along);
-            known += 1;
-        }
-        if self.count == DEPTH {
-            self.past.rotate_left(1);
-        } else {
-            self.count += 1;
-        }
-        self.past[self.count - 1] = (own, *image);
-        best
-    }
-}
 
 /// Buffers that are kept during a run.
 pub(super) struct Scratch {
@@ -269,7 +214,7 @@ impl Context {
             scratch.solutions += 1;
             return equations(&self.plant, &scratch.wrenches, &mut scratch.answer);
         }
-        let mut mixing = self.forces.read_accelerations().then(Mixing::new);
+        let mut mixing = self.forces.read_accelerations().then(Anderson::default);
         let scene = self.scene(t, y);
         let mut iteration = 0;
         loop {

@@ -26,16 +26,16 @@ pub fn verdict(d: &Diagnosis) -> String {
         let first = if left.is_empty() { "The model leaves no more than the noise" } else { left.as_str() };
         return format!("{first}; {few}.");
     }
-    let said = match (d.left.beside && d.verdict != Verdict::Unknown, left.is_empty()) {
+    let sentence = match (d.left.beside && d.verdict != Verdict::Unknown, left.is_empty()) {
         (true, _) => format!("{first} ... and something else: {left}."),
         (false, true) => format!("{first}."),
         (false, false) => format!("{first}. {left}."),
     };
     match (d.verdict, d.not_tried.as_slice()) {
-        (Verdict::Undecided, _) | (_, []) => said,
-        (_, [step]) => format!("{said} The search was cut short: {step} was not tried."),
+        (Verdict::Undecided, _) | (_, []) => sentence,
+        (_, [step]) => format!("{sentence} The search was cut short: {step} was not tried."),
         (_, [step, others @ ..]) => {
-            format!("{said} The search was cut short: {step} and {} more were not tried.", others.len())
+            format!("{sentence} The search was cut short: {step} and {} more were not tried.", others.len())
         }
     }
 }

@@ -177,10 +177,10 @@ impl Studio {
                 s.changed(&self.folder)
             }),
             "shipped" => {
-                let name = text("model");
-                let found = SHIPPED.iter().find(|(own, _)| *own == name.trim_end_matches(".toml"));
-                let (own, content) = found.ok_or_else(|| miette!("there is no model of this name"))?;
-                let kept = upload::keep(&self.idle()?.folder, &format!("{own}.toml"), &mut content.as_bytes())?;
+                let file = text("model");
+                let found = SHIPPED.iter().find(|(name, _)| file.strip_suffix(".toml") == Some(*name));
+                let (_, content) = found.ok_or_else(|| miette!("`{file}` is not the file of a shipped model"))?;
+                let kept = upload::keep(&self.idle()?.folder, file, &mut content.as_bytes())?;
                 self.add(kept, "shipped").map(drop)
             }
             "read" => {

@@ -36,7 +36,7 @@ pub(crate) fn state(studio: &Studio) -> Value {
         "job": inner.job.as_ref().map(|job| job.json()),
         "session": session,
         "chain": inner.session.chain(),
-        "shipped": SHIPPED.iter().map(|(name, _)| name).collect::<Vec<_>>(),
+        "shipped": SHIPPED.iter().map(|(name, _)| format!("{name}.toml")).collect::<Vec<_>>(),
         "effects": REGISTRY.iter().map(|e| e.name()).collect::<Vec<_>>(),
         "folder": studio.folder().display().to_string(),
         "viewer": cfg!(feature = "viewer"),

@@ -55,7 +55,7 @@ impl Search<'_> {
     }
 
     /// Fits the best pairs of effects together and continues the selection from the one that leaves least, once per
-    /// starting model. Of what is selected, the longest confirmed sequence is kept.
+    /// starting model. Of what is selected, what is confirmed is kept.
     pub(super) fn try_pairs(&mut self, progress: &mut dyn FnMut(&str)) -> Result<(), DiagnosisError> {
         let fitting = self.judge.fitting;
         if self.has_paired || self.settings.max_steps < 2 || fitting.is_late() {
@@ -67,7 +67,7 @@ impl Search<'_> {
         let mut best: Option<(f64, [Chosen; 2])> = None;
         for pair in self.pairs(alone, None).iter().take(FITTED) {
             progress(&format!("refit with {}", self.names(&pair.chosen).join(" and ")));
-            // Where no machine with both can be fitted, the pair is none.
+            // A pair with which no machine can be fitted is left out.
             let Ok(fitted) = self.fitted_together(&pair.chosen) else { continue };
             let left = relative_energy(&fitted.fit.residuals.rms, &fitting.noise.pooled);
             if best.is_none_or(|(least, _)| left < least) {
@@ -102,8 +102,7 @@ impl Search<'_> {
 
     /// The selection that began with a pair if it explains everything above the noise.
     pub(super) fn clear_pairs(&mut self) -> Option<Standing> {
-        let is_clear = |p: &mut Standing| !p.without.is_empty() && !self.judge.is_more_than_noise(p.end.rms());
-        self.paired.take_if(is_clear)
+        self.paired.take_if(|paired| !self.judge.is_more_than_noise(paired.end.rms()))
     }
 
     /// The selection that began with a pair if it leaves clearly less of the error above the noise than `standing`.

@@ -12,7 +12,8 @@ use crate::machine::Unit;
 /// Steps of the measured angle over which a law must change to be told from the steps.
 const RESOLVED: f64 = 2.0;
 
-/// Speeds at which friction must take power, as multiples of the measured one.
+/// Speeds at which friction must take power, as multiples of the measured one: negative friction that a constant part
+/// hides at the measured speed shows at twice that, and an asymmetry in the other direction.
 const SPEEDS: [f64; 3] = [1.0, 2.0, -2.0];
 
 /// Effects confirmed by the validation data.
@@ -128,21 +129,21 @@ impl Search<'_> {
         if !fit.model.effects.iter().any(|a| a.effect.name() == name && is_friction(a)) {
             return false;
         }
-        let mut smooth = fit.model.clone();
-        smooth.effects.retain(|a| !is_friction(a));
+        let mut frictionless = fit.model.clone();
+        frictionless.effects.retain(|a| !is_friction(a));
         let gives = |dataset: &Dataset| {
-            let both = [&fit.model, &smooth].map(|model| predict(&dataset.plant(model), dataset));
-            let [Ok(rough), Ok(smooth)] = both else { return false };
+            let both = [&fit.model, &frictionless].map(|model| predict(&dataset.plant(model), dataset));
+            let [Ok(with), Ok(without)] = both else { return false };
             dataset.channels.iter().enumerate().any(|(c, channel)| {
                 let axis = channel.drive();
-                let torques = rough[c].iter().zip(&smooth[c]).map(|(rough, smooth)| rough - smooth);
+                let torques = with[c].iter().zip(&without[c]).map(|(with, without)| with - without);
                 axis.is_some_and(|i| {
                     torques.zip(&dataset.joints).map(|(torque, at)| torque * at.qd[i]).sum::<f64>() < 0.0
                 })
             })
         };
-        let datasets = self.judge.fitting.datasets.iter();
-        datasets.flat_map(|dataset| SPEEDS.map(|factor| dataset.at_speed(factor))).any(|dataset| gives(&dataset))
+        let at_some_speed = |dataset: &Dataset| SPEEDS.iter().any(|factor| gives(&dataset.at_speed(*factor)));
+        self.judge.fitting.datasets.iter().any(at_some_speed)
     }
 
     /// Fit with the longest leading sequence of chosen effects that are each confirmed given the previous ones, and

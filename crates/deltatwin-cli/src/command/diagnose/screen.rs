@@ -61,7 +61,7 @@ pub fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
     candidates(d)?;
     not_testable(d)?;
     if !d.not_tried.is_empty() {
-        say(format!("\n{}", wrapped(&format!("The time was up; not tried: {}", d.not_tried.join(", ")), 2)))?;
+        say(format!("\n{}", wrapped(&format!("The search was cut short; not tried: {}", d.not_tried.join(", ")), 2)))?;
     }
     next(d, args)
 }

@@ -74,3 +74,16 @@ fn mappings_work_on_what_was_read_before() {
     assert!(column == 3 && (factor + 33.0 * 0.12).abs() < 1e-12, "{factor}");
     refused(&names, &["q1=Position"], &["`Position`, which is not there", "ActPos [deg]"]);
 }
+
+#[test]
+fn factors_have_six_digits_or_are_fractions_of_pi() {
+    for (factor, text) in [
+        ((-1.0f64).to_radians(), "−π/180"),
+        (std::f64::consts::TAU / 60.0, "π/30"),
+        (0.449, "0.449"),
+        (-0.123_456_789, "-0.123457"),
+        (2.732_421_6e-8, "2.73242e-8"),
+    ] {
+        assert_eq!(super::in_digits(factor), text);
+    }
+}
