@@ -15,7 +15,7 @@ use deltatwin::effects::ActiveEffect;
 use deltatwin::identification::{Dataset, Method};
 use deltatwin::kinematics::{JointState, Motion, SocketSet};
 use deltatwin::machine::Setup;
-use deltatwin::machine::bodies::BODIES;
+use deltatwin::machine::bodies::SLOTS;
 use deltatwin::recording::Channel;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin::twin::maximal::MaximalCoordinates;
@@ -71,6 +71,36 @@ fn dynamics(c: &mut Criterion) {
     }
 }
 
+/// Four limbs, along the shipped motion of Par4.
+fn four_limbs(c: &mut Criterion) {
+    let model = common::model("par4");
+    let scenario = scenario::read(&common::shipped("scenarios/par4.toml")).expect("a scenario");
+    let desired = scenario.motion(&model).expect("a motion");
+    let plant = Plant::new(&model, &scenario.setup);
+    let joints = |k: usize| desired.at(0.4 * k as f64 / POSES as f64).joints(&plant.geometry).expect("reachable");
+    let joints: Vec<JointState> = (0..POSES).map(joints).collect();
+    let motions: Vec<Motion> = joints.iter().map(|j| plant.motion(j).expect("reachable")).collect();
+    let mut cycle = joints.iter().cycle();
+    c.bench_function("motion from joints (par4)", |b| b.iter(|| plant.motion(black_box(cycle.next().unwrap()))));
+    let states = vec![[].as_slice(); plant.effects.len()];
+    for (what, with_struts) in [("torques", false), ("torques and strut forces", true)] {
+        let mut cycle = motions.iter().cycle();
+        c.bench_function(&format!("inverse dynamics, {what} (par4)"), |b| {
+            b.iter(|| inverse_dynamics(&plant, 0.0, black_box(cycle.next().unwrap()), &states, with_struts))
+        });
+    }
+    let tau = inverse_dynamics(&plant, 0.0, &motions[0], &states, false).expect("a regular pose").tau;
+    let mut twin = Twin::new(plant.clone(), &motions[0]).expect("a regular pose");
+    let mut checkpoint = Checkpoint::default();
+    twin.save(&mut checkpoint);
+    c.bench_function("step of 0.4 ms (par4)", |b| {
+        b.iter(|| {
+            twin.restore(&checkpoint);
+            twin.step(400e-6, &Torque::constant(tau)).expect("a regular pose");
+        })
+    });
+}
+
 fn twin(c: &mut Criterion) {
     for (name, plant, h) in [("rigid", common::nominal_plant(), 4e-3), ("truth", truth(), 400e-6)] {
         let mut twins: Vec<(Twin, Torque, Checkpoint)> = motions(&plant)
@@ -116,7 +146,7 @@ fn twin(c: &mut Criterion) {
 fn maximal(c: &mut Criterion) {
     let plant = common::nominal_plant();
     let motions = motions(&plant);
-    let wrenches = [(Vector3::zeros(), Vector3::zeros()); BODIES];
+    let wrenches = [(Vector3::zeros(), Vector3::zeros()); SLOTS];
     let mut maximal = MaximalCoordinates::new();
     let mut cycle = motions.iter().cycle();
     c.bench_function("maximal coordinates, 84 + 74", |b| {
@@ -183,5 +213,5 @@ fn derivatives(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, kinematics, dynamics, twin, closed_loop, broken, maximal, derivatives);
+criterion_group!(benches, kinematics, dynamics, four_limbs, twin, closed_loop, broken, maximal, derivatives);
 criterion_main!(benches);

@@ -52,7 +52,7 @@ fn run(plant: &Plant, motion: &FourierMotion, hold: f64, substeps: usize) -> Run
         }
         out.seconds += start.elapsed().as_secs_f64();
         let end = twin.evaluate(&torque).expect("regular");
-        out.forces.push(end.reactions.lower);
+        out.forces.push(std::array::from_fn(|s| end.reactions.lower[s]));
         out.angles.push(end.motion.q);
         out.gap = rows(&plant.geometry, &end.motion).iter().fold(out.gap, |g, r| g.max(r.0.abs()));
     }

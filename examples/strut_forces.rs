@@ -32,7 +32,7 @@ fn main() -> Result<()> {
         machine.effects.push(ActiveEffect::new(friction, &[&[moment], &[REGULARISATION]]));
 
         let mut options = Options::of(&scenario, &machine);
-        options.sensors.strut_upper = [true; STRUTS];
+        options.sensors.strut_upper = std::array::from_fn(|s| s < STRUTS);
         let (recording, report) =
             simulate(&machine, &scenario.setup, &controller, &|t| motion.at(t), &options, &mut |_| true)
                 .into_diagnostic()?;

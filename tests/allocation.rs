@@ -9,7 +9,7 @@ use deltatwin::cell::{CellError, Mobility, Object, Shape, Surface};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::effects::REGISTRY;
 use deltatwin::kinematics::{Motion, SocketSet, Target};
-use deltatwin::machine::bodies::{BODIES, END_EFFECTOR};
+use deltatwin::machine::bodies::{END_EFFECTOR, SLOTS};
 use deltatwin::model::Model;
 use deltatwin::twin::{
     ContactBody, Contacts, EventKind, Held, Options, Surroundings, Torque, Touch, Twin, Twist, simulate,
@@ -70,7 +70,7 @@ fn a_step_allocates_nothing() {
 
 /// A bath in which the end effector moves: it touches all the time and is braked with 20 N·s/m.
 struct Bath {
-    wrenches: [Twist; BODIES],
+    wrenches: [Twist; SLOTS],
     touches: [Touch; 1],
 }
 
@@ -83,7 +83,7 @@ impl Contacts for Bath {
         1e-3
     }
 
-    fn wrenches(&mut self, motion: &Motion, _: SocketSet) -> &[Twist; BODIES] {
+    fn wrenches(&mut self, motion: &Motion, _: SocketSet) -> &[Twist; SLOTS] {
         self.wrenches[END_EFFECTOR].0 = motion.bodies[END_EFFECTOR].velocity * -20.0;
         &self.wrenches
     }
@@ -120,7 +120,7 @@ fn bath(surroundings: &Surroundings<'_>) -> Result<Box<dyn Contacts>, CellError>
     let (link, other) = (ContactBody::Link(END_EFFECTOR), ContactBody::Object(0));
     let none = Vector3::zeros();
     let touch = Touch { link, other, force: 1.0, at: none, normal: none, push: none };
-    Ok(Box::new(Bath { wrenches: [(Vector3::zeros(), Vector3::zeros()); BODIES], touches: [touch] }))
+    Ok(Box::new(Bath { wrenches: [(Vector3::zeros(), Vector3::zeros()); SLOTS], touches: [touch] }))
 }
 
 #[test]

@@ -6,8 +6,8 @@ use common::{model, nominal_plant, reversing, with_effect};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::kinematics::{JointState, Motion, PlatformState};
-use deltatwin::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER};
-use deltatwin::machine::{Geometry, Payload, Setup, Stops};
+use deltatwin::machine::bodies::{END_EFFECTOR, PLATFORM, SLOTS, STRUT, TELESCOPE_LOWER};
+use deltatwin::machine::{Payload, Setup, Stops};
 use deltatwin::model::Model;
 use deltatwin::monitoring::{Sample, Sliding};
 use deltatwin::numerics::{bisect, halvings};
@@ -28,7 +28,7 @@ fn dropped(plant: &Plant) -> (Twin, f64) {
     let mut plant = plant.clone();
     let payload = Payload::new(2.0, [0.0, 0.0, -0.08], 0.01);
     plant.bodies[END_EFFECTOR] += payload.inertia();
-    let q = plant.geometry.inverse(&Vector3::new(0.0, 0.0, -0.95)).unwrap();
+    let q = plant.geometry.inverse(&Vector3::new(0.0, 0.0, -0.95), 0.0).unwrap();
     let joints = JointState { q: [q[0], q[1], q[2], 0.3], ..JointState::default() };
     let mut twin = Twin::new(plant.clone(), &plant.motion(&joints).unwrap()).unwrap();
     (6..SOCKETS).for_each(|s| twin.open(s).unwrap());
@@ -164,7 +164,7 @@ fn options(hold: f64, armed: bool) -> Options {
     let contacts: Option<NewContacts> = Some(deltatwin_cell::contacts);
     let mut options = Options { duration: 0.4, noise_seed: None, clamps: Some(clamps), contacts, ..Options::default() };
     (options.sensors.sockets, options.sensors.velocity, options.sensors.acceleration) = (true, true, true);
-    (options.sensors.strut_upper, options.sensors.strut_lower) = ([true; 6], [true; 6]);
+    (options.sensors.strut_upper, options.sensors.strut_lower) = (crate::common::SIX_STRUTS, crate::common::SIX_STRUTS);
     options
 }
 
@@ -318,7 +318,7 @@ fn a_missing_spring_holds_nothing_from_the_start() {
 /// A machine at rest at a position of its platform, under the torques that keep it there.
 fn resting(robot: &Model, position: Vector3<f64>) -> (Twin, Torque) {
     let plant = Plant::new(robot, &Setup::default());
-    let q = plant.geometry.inverse(&position).unwrap();
+    let q = plant.geometry.inverse(&position, 0.0).unwrap();
     let motion = plant.motion(&JointState { q: [q[0], q[1], q[2], 0.0], ..JointState::default() }).unwrap();
     let states = vec![&[][..]; plant.effects.len()];
     let torque = Torque::constant(inverse_dynamics(&plant, 0.0, &motion, &states, false).unwrap().tau);
@@ -343,7 +343,7 @@ fn struts_pulled_apart_leave_their_balls_above_the_preload() {
     // in balance, so nothing moves, and each of the four balls takes f/2 along the opening of its cup. Of 200 N of clamp
     // 200 − f/2 are left, at tan α = 200/200.
     let mut pulled_apart = |f: f64| {
-        let mut load = [(Vector3::zeros(), Vector3::zeros()); BODIES];
+        let mut load = [(Vector3::zeros(), Vector3::zeros()); SLOTS];
         for (strut, side) in [(0, f), (1, -f)] {
             let force = Vector3::y() * side;
             load[STRUT + strut] = (force, (rest.motion.strut_axis[strut] * (0.5 * 1.106)).cross(&force));
@@ -399,7 +399,7 @@ fn followed(mut scenario: Scenario, duration: f64) -> (Model, Setup, Recording, 
     scenario.noise = false;
     let sensors = &mut scenario.sensors;
     (sensors.sockets, sensors.velocity, sensors.acceleration) = (true, true, true);
-    (sensors.strut_upper, sensors.strut_lower) = ([true; 6], [true; 6]);
+    (sensors.strut_upper, sensors.strut_lower) = (crate::common::SIX_STRUTS, crate::common::SIX_STRUTS);
     let setup = scenario.setup;
     let motion = scenario.motion(&machine).unwrap();
     let (plant, options) = (Plant::new(&machine, &setup), Options::of(&scenario, &machine));
@@ -481,7 +481,7 @@ fn a_broken_robot_stays_within_its_hard_stops() {
         for frame in &report.frames {
             for i in 0..3 {
                 let x = frame.bodies[i].rotation * Vector3::x();
-                let q = (-x.z).atan2(x.dot(&Geometry::radial(i)));
+                let q = (-x.z).atan2(x.dot(&machine.geometry.limbs[i].radial()));
                 arm = [arm[0].min(q), arm[1].max(q)];
             }
             let lower = frame.bodies[TELESCOPE_LOWER].translation.vector;

@@ -116,7 +116,7 @@ fn elastic_struts_return_what_they_store() {
         let plant = plant(vec![spring]);
         let stored = |twin: &Twin| -> f64 {
             let motion = twin.motion();
-            let stretch = |s: usize| motion.strut_length[s] - plant.geometry.strut_length[s / 2];
+            let stretch = |s: usize| motion.strut_length[s] - plant.geometry.limbs[s / 2].strut_length;
             (0..6).map(|s| 0.5 * stiffness * stretch(s).powi(2)).sum()
         };
         let gaps = [5e-5, 2.5e-5, 1.25e-5].map(|h| {

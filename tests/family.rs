@@ -4,11 +4,11 @@ use crate::common::{model, planned};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::identification::fit::Options;
 use deltatwin::identification::{Dataset, NoiseLevel, fit, limb_test, predict};
-use deltatwin::kinematics::JointState;
-use deltatwin::machine::{Actuator, Geometry, Mechanism, Setup};
+use deltatwin::kinematics::{JointState, PlatformState};
+use deltatwin::machine::{Actuator, Mechanism, Setup};
 use deltatwin::model::Model;
 use deltatwin::recording::Channel;
-use deltatwin::scenario::Course;
+use deltatwin::scenario::{Course, DesiredMotion};
 use nalgebra::Vector3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -18,7 +18,7 @@ use rand_distr::{Distribution, Normal};
 /// The shipped linear delta on guides of another inclination; its carriages move about 0.1 m around where they were.
 fn inclined(inclination: f64) -> Model {
     let mut model = model("linear-delta");
-    model.geometry.arms = Actuator::Prismatic { inclination };
+    model.geometry.limbs.iter_mut().for_each(|limb| limb.actuator = Actuator::Prismatic { inclination });
     model
 }
 
@@ -38,20 +38,14 @@ fn carriages_are_where_the_struts_reach() {
         let g = &model.geometry;
         for _ in 0..20 {
             let position = pose(&model, &mut rng);
-            let q = g.inverse(&position).unwrap();
-            for (limb, q) in q.iter().enumerate() {
+            let q = g.inverse(&position, 0.0).unwrap();
+            for (limb, q) in g.limbs.iter().zip(q) {
                 // By hand: distance of the carriage's ball line from the platform's.
-                let (u, along) = (Geometry::radial(limb), inclination.sin_cos());
-                let ball = u * (g.base_radius + q * along.1) - Vector3::z() * (q * along.0);
-                approx::assert_relative_eq!(
-                    (position + u * g.platform_radius - ball).norm(),
-                    g.strut_length[limb],
-                    epsilon = 1e-13
-                );
+                let (u, along) = (limb.radial(), inclination.sin_cos());
+                let ball = u * (limb.base_radius + q * along.1) - Vector3::z() * (q * along.0);
+                approx::assert_relative_eq!((position + limb.point - ball).norm(), limb.strut_length, epsilon = 1e-13);
             }
             approx::assert_relative_eq!(g.forward(&q).unwrap(), position, epsilon = 1e-12);
-            let at = deltatwin::machine::check::platform_at(g, q).unwrap();
-            approx::assert_relative_eq!(at, position, epsilon = 1e-12);
         }
     }
 }
@@ -63,11 +57,11 @@ fn rates_and_accelerations_are_derivatives_of_the_positions() {
     for inclination in INCLINATIONS {
         let model = inclined(inclination);
         let g = &model.geometry;
-        let q = g.inverse(&pose(&model, &mut rng)).unwrap();
+        let q = g.inverse(&pose(&model, &mut rng), 0.0).unwrap();
         let qd: [f64; 3] = std::array::from_fn(|_| rng.random_range(-0.3..0.3));
         let qdd: [f64; 3] = std::array::from_fn(|_| rng.random_range(-3.0..3.0));
         let four = |x: [f64; 3]| [x[0], x[1], x[2], 0.0];
-        let joints = JointState { q: four(q), qd: four(qd), qdd: four(qdd) };
+        let joints = JointState { q, qd: four(qd), qdd: four(qdd) };
         let motion = g.forward_motion(&joints).unwrap();
         let at = |t: f64| {
             let moved: [f64; 3] = std::array::from_fn(|i| q[i] + qd[i] * t + 0.5 * qdd[i] * t * t);
@@ -172,5 +166,116 @@ fn limbs_have_their_own_parameters_where_the_data_demand_it() {
                 approx::assert_relative_eq!(one.values[1] / one.values[0], 1.1, epsilon = 0.02);
             }
         }
+    }
+}
+
+/// Models of relatives with other plates.
+const RELATIVES: [&str; 4] = ["par4", "h4", "i4", "par2"];
+
+/// The shipped motion of a relative.
+fn shipped_motion(name: &str) -> (Model, deltatwin::scenario::Scenario, DesiredMotion) {
+    let model = model(name);
+    let scenario = deltatwin_io::scenario::read(&crate::common::shipped(format!("scenarios/{name}.toml"))).unwrap();
+    let motion = scenario.motion(&model).unwrap();
+    (model, scenario, motion)
+}
+
+/// A motion without corners within the workspace of every relative.
+fn smooth(plant: &Plant, t: f64) -> JointState {
+    let wave = |amplitude: f64, rate: f64, phase: f64| {
+        let (s, c) = (rate * t + phase).sin_cos();
+        [amplitude * s, amplitude * rate * c, -amplitude * rate * rate * s]
+    };
+    let [x, y, z] = [wave(0.2, 9.0, 0.3), wave(0.12, 11.0, 1.0), wave(0.06, 12.0, 2.0)];
+    let vector = |k: usize| Vector3::new(x[k], y[k], z[k]);
+    let psi = if plant.mechanism.plate_turns() { wave(0.5, 10.0, 0.7) } else { [0.0; 3] };
+    let position = vector(0) - Vector3::new(0.0, 0.05, 0.8);
+    let pose = PlatformState { position, velocity: vector(1), acceleration: vector(2), psi };
+    plant.geometry.inverse_motion(&pose).unwrap()
+}
+
+/// Poses, twists and accelerations of every body are each other's derivatives, passive arms and parts of plates included.
+#[test]
+fn bodies_of_relatives_move_as_their_poses_do() {
+    let h = 2e-4;
+    for name in RELATIVES {
+        let (model, scenario, _) = shipped_motion(name);
+        let plant = Plant::new(&model, &scenario.setup);
+        let at = |t: f64| plant.motion(&smooth(&plant, t)).unwrap();
+        let (mut worst, mut moved) = ([0.0f64; 4], 0.0f64);
+        for t in [0.11, 0.2, 0.26, 0.33] {
+            let (before, now, after) = (at(t - h), at(t), at(t + h));
+            for body in (0..now.bodies.len()).filter(|&b| model.mechanism.has_body(b)) {
+                let [a, b, c] = [&before, &now, &after].map(|m| &m.bodies[body]);
+                moved = moved.max(b.velocity.norm()).max(b.angular_velocity.norm());
+                let turning = b.angular_velocity.cross_matrix() * b.rotation;
+                // The roll of a strut is not defined by the joints.
+                let columns = if model.mechanism.is_part_of_plate(body) { 3 } else { 1 };
+                let turned = (c.rotation - a.rotation) / (2.0 * h) - turning;
+                let gaps = [
+                    ((c.position - a.position) / (2.0 * h) - b.velocity).norm(),
+                    turned.columns(0, columns).norm(),
+                    ((c.velocity - a.velocity) / (2.0 * h) - b.acceleration).norm(),
+                    ((c.angular_velocity - a.angular_velocity) / (2.0 * h) - b.angular_acceleration).norm(),
+                ];
+                worst = std::array::from_fn(|k| worst[k].max(gaps[k]));
+            }
+        }
+        println!("{name}: {worst:?}, {moved:.1} m/s or rad/s");
+        assert!(
+            moved > 2.0 && worst[..2].iter().all(|w| *w < 2e-4) && worst[2..].iter().all(|w| *w < 2e-2),
+            "{worst:?}"
+        );
+    }
+}
+
+/// The power of the drives is the rate of the bodies' energy plus the power lost in the drives' friction.
+#[test]
+fn drives_of_relatives_do_the_work_that_moves_them() {
+    for name in RELATIVES {
+        let (model, scenario, _) = shipped_motion(name);
+        let mut plant = Plant::new(&model, &scenario.setup);
+        plant.effects.clear();
+        let at = |t: f64| plant.motion(&smooth(&plant, t)).unwrap();
+        let energy = |t: f64| -> f64 {
+            let motion = at(t);
+            let of = |(inertia, body): (&deltatwin::machine::Inertia, &deltatwin::kinematics::BodyMotion)| {
+                let h = body.rotation * inertia.first_moment;
+                let omega = body.rotation.tr_mul(&body.angular_velocity);
+                0.5 * inertia.mass * body.velocity.norm_squared()
+                    + body.velocity.dot(&body.angular_velocity.cross(&h))
+                    + 0.5 * omega.dot(&(inertia.tensor * omega))
+                    + plant.gravity * (inertia.mass * body.position.z + h.z)
+            };
+            plant.bodies.0.iter().zip(&motion.bodies).map(of).sum()
+        };
+        let mut largest = 0.0f64;
+        for t in [0.11, 0.2, 0.26, 0.33] {
+            let motion = at(t);
+            let tau = inverse_dynamics(&plant, t, &motion, &[], false).unwrap().tau;
+            let power: f64 = (0..model.mechanism.axes()).map(|i| tau[i] * motion.qd[i]).sum();
+            let h = 1e-4;
+            let rate = (energy(t + h) - energy(t - h)) / (2.0 * h);
+            largest = largest.max(power.abs());
+            assert!((power - rate).abs() < 1e-3 * power.abs().max(100.0), "{name}: {power} {rate}");
+        }
+        assert!(largest > 20.0, "{name}: {largest} W");
+    }
+}
+
+/// A run of the twin follows its motion, keeps its energy, and its strut forces are those of the inverse dynamics.
+#[test]
+fn twins_of_relatives_follow_their_motion() {
+    for name in RELATIVES {
+        let (model, scenario, desired) = shipped_motion(name);
+        let plant = Plant::new(&model, &scenario.setup);
+        let options = deltatwin::twin::Options { duration: scenario.duration, ..Default::default() };
+        let (recording, report) =
+            deltatwin::twin::simulate(&model, &scenario.setup, &plant, &|t| desired.at(t), &options, &mut |_| true)
+                .unwrap();
+        let error = report.tracking_error.iter().fold(0.0f64, |a, b| a.max(b.abs()));
+        println!("{name}: {error:.1e} rad, energy {:.1e}, {:.0} N", report.energy_error, report.peak_strut_force);
+        assert!(error < 1e-3 && report.energy_closes(), "{name}: {error} {}", report.energy_error);
+        assert!(report.peak_strut_force > 20.0 && recording.signals.len() > 500);
     }
 }

@@ -10,7 +10,7 @@ use deltatwin::kinematics::{JointState, KinematicsError, Motion, PlatformState, 
 use deltatwin::machine::bodies::{
     BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
 };
-use deltatwin::machine::{Geometry, Part, Payload, Setup};
+use deltatwin::machine::{Geometry, MAX_STRUTS, Part, Payload, Setup};
 use deltatwin::model::Model;
 use deltatwin::recording::Channel;
 use deltatwin::recording::Signals;
@@ -71,7 +71,7 @@ fn all_channels() -> Vec<Channel> {
 }
 
 fn values_of(out: &Output) -> Vec<f64> {
-    [&out.tau[..], &out.reactions.upper, &out.reactions.lower].concat()
+    [&out.tau[..], &out.reactions.upper[..6], &out.reactions.lower[..6]].concat()
 }
 
 /// Power of an effect's wrenches on the bodies, and the sum of the magnitudes of its parts, W.
@@ -142,10 +142,10 @@ fn effects_act_on_nothing_but_the_parts_they_name() {
         let on_drives = |b: usize| b < STRUT || b == ROTOR;
         let allowed = |b: usize| match effect.acts_on() {
             Part::Drives | Part::Motors => on_drives(b),
-            Part::Axis4 => b == ROTOR,
+            Part::Axis4 | Part::FourthDrive => b == ROTOR,
             // Weight is checked below: every body, in proportion to its mass.
             Part::Weight => true,
-            Part::Linkage | Part::TurningArms => b <= END_EFFECTOR,
+            Part::Linkage | Part::TurningArms | Part::FreeStruts => b <= END_EFFECTOR,
             Part::Telescope => b >= END_EFFECTOR,
             Part::TurningAxis => b == 0,
         };
@@ -257,7 +257,7 @@ fn drive_torques(plant: &Plant, active: &ActiveEffect, motion: &Motion, torque: 
         &active.values(),
         &instant(plant, motion, &reactions, torque, state),
         &mut Wrenches::new(motion, &mut |k, body, force, moment| {
-            for (axis, sum) in sum.iter_mut().enumerate().filter(|(axis, _)| Motion::driven(*axis) == body) {
+            for (axis, sum) in sum.iter_mut().enumerate().filter(|(axis, _)| motion.drive(*axis).0 == body) {
                 *sum += active.values[k] * motion.drive(axis).1.effort(&(force, moment));
             }
         }),
@@ -571,7 +571,7 @@ fn renaming_the_limbs_in_turn_permutes_torques_and_strut_forces() {
     let plant = nominal_plant();
     let mut rng = rng(5);
     let next = |x: [f64; 4]| [x[2], x[0], x[1], x[3]];
-    let next_struts = |x: [f64; 6]| [x[4], x[5], x[0], x[1], x[2], x[3]];
+    let next_struts = |x: [f64; MAX_STRUTS]| [x[4], x[5], x[0], x[1], x[2], x[3], x[6], x[7]];
     let mut worst = 0f64;
     for _ in 0..100 {
         let joints = random_joints(&plant, &mut rng);
@@ -648,8 +648,8 @@ fn forward_inverts_inverse() {
         }
         worst = worst.max((there.position - platform.position).norm());
         for limb in 0..3 {
-            let length = g.strut_vector(limb, joints.q[limb], &platform.position).norm();
-            assert!((length - g.strut_length[limb]).abs() < 1e-14, "strut of limb {limb}"); // rounding of 1 m
+            let length = (platform.position + g.limbs[limb].point - g.elbow(limb, joints.q[limb])).norm();
+            assert!((length - g.limbs[limb].strut_length).abs() < 1e-14, "strut of limb {limb}"); // rounding of 1 m
         }
     }
     println!("round trip: {worst:.1e} rad, {worst_rate:.1e} rad/s, {worst_acceleration:.1e} rad/s²");
@@ -731,7 +731,7 @@ fn passive_joint_rates_are_derivatives_of_passive_joint_angles() {
         }
         for socket in 0..SOCKETS {
             // Seen from the ball's body, the strut's axis turns with the socket rate; the struts' own roll is zero.
-            let (strut, ball) = Motion::socket_bodies(socket);
+            let (strut, ball) = now.socket_bodies(socket);
             let seen = |m: &Motion| m.bodies[ball].rotation.tr_mul(&m.strut_axis[strut - STRUT]);
             let turning = now.bodies[ball].rotation * derivative(|t| seen(&at(t)), t);
             let axis = now.strut_axis[strut - STRUT];
@@ -749,7 +749,7 @@ fn passive_joint_rates_are_derivatives_of_passive_joint_angles() {
 fn poses_beyond_the_limits_name_the_limit() {
     let g = nominal_plant().geometry;
     let home = g.forward(&[0.3; 3]).unwrap();
-    let [min, max] = g.arm_limits;
+    let [min, max] = g.arm_limits();
     for arm in 0..3 {
         for angle in [min - 1e-9, max + 1e-9, f64::NAN] {
             let mut q = [0.3; 3];
@@ -772,9 +772,10 @@ fn poses_beyond_the_limits_name_the_limit() {
     }
     assert_eq!(g.check_limits(&[0.3; 3], &below(0.5 * (shortest + longest))), Ok(()));
     // 0.2 m + 0.5 m + 1.106 m is as far as a limb goes.
-    let far = g.inverse(&Vector3::new(-1.8, 0.0, -0.5));
+    let far = g.inverse(&Vector3::new(-1.8, 0.0, -0.5), 0.0);
     assert!(matches!(far, Err(KinematicsError::OutOfReach { limb: 0, .. })), "{far:?}");
-    let stubby = Geometry { strut_length: [0.3; 3], ..g };
+    let mut stubby = g;
+    stubby.limbs.iter_mut().for_each(|limb| limb.strut_length = 0.3);
     let open = stubby.forward(&[0.0; 3]);
     assert!(matches!(open, Err(KinematicsError::NoClosure { .. })), "{open:?}");
 }
@@ -820,10 +821,10 @@ fn drives_pay_for_stored_energy_and_friction() {
 /// ∂ω_rel/∂φ̇ⱼ at every socket and for every arm, by differences of strut directions over the arm angles.
 fn socket_rate_jacobian(g: &Geometry, q: [f64; 4]) -> [[Vector3<f64>; 3]; SOCKETS] {
     let axis = |q: &[f64; 4], limb: usize| {
-        let radial = Vector3::new(Geometry::azimuth(limb).cos(), Geometry::azimuth(limb).sin(), 0.0);
-        let elbow =
-            radial * (g.base_radius + g.arm_length * q[limb].cos()) - Vector3::z() * g.arm_length * q[limb].sin();
-        (g.forward(q).unwrap() + radial * g.platform_radius - elbow).normalize()
+        let (length, own) = (g.limbs[limb].arm_length, &g.limbs[limb]);
+        let radial = Vector3::new(own.azimuth().cos(), own.azimuth().sin(), 0.0);
+        let elbow = radial * (own.base_radius + length * q[limb].cos()) - Vector3::z() * length * q[limb].sin();
+        (g.forward(q).unwrap() + radial * g.platform_radius() - elbow).normalize()
     };
     std::array::from_fn(|socket| {
         let limb = socket % 6 / 2;
@@ -836,7 +837,7 @@ fn socket_rate_jacobian(g: &Geometry, q: [f64; 4]) -> [[Vector3<f64>; 3]; SOCKET
             // A strut that does not roll turns with u × u̇.
             let strut = moved(0.0).cross(&derivative(moved, 0.0));
             let turns_with_arm = socket < 6 && j == limb;
-            let azimuth = Geometry::azimuth(limb);
+            let azimuth = g.limbs[limb].azimuth();
             let arm = Vector3::new(-azimuth.sin(), azimuth.cos(), 0.0);
             if turns_with_arm { strut - arm } else { strut }
         })
@@ -860,7 +861,7 @@ fn socket_friction_reaches_each_drive_by_virtual_work() {
         let saturated = |w: &Vector3<f64>| (w.norm() / 0.05).tanh() / w.norm();
         for (case, plant) in [&viscous, &coulomb, &loaded].into_iter().enumerate() {
             let out = inverse(plant, &motion);
-            let forces = [out.reactions.upper, out.reactions.lower].concat();
+            let forces = [&out.reactions.upper[..6], &out.reactions.lower[..6]].concat();
             let coefficient = |socket: usize| match case {
                 0 => 0.30,
                 1 => 0.25 * saturated(&rates[socket]),

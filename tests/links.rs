@@ -9,7 +9,7 @@ use deltatwin::identification::regularisation::GroupWeight;
 use deltatwin::identification::{Dataset, predict};
 use deltatwin::kinematics::{BodyMotion, JointState, Motion};
 use deltatwin::machine::bodies::{ARM, STRUT};
-use deltatwin::machine::{BodyParameters, Geometry, Inertia, LinkParameters, STRUTS, Setup};
+use deltatwin::machine::{BodyParameters, Inertia, LinkParameters, STRUTS, Setup};
 use deltatwin::model::Model;
 use deltatwin::recording::Channel;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
@@ -78,9 +78,10 @@ fn lagrangian(inertia: &Inertia, body: &BodyMotion, gravity: f64) -> f64 {
 /// Turns the struts with their frames, whose y axis stays in the plane of strut and pair: ω = w × ẇ + (ẏ·z)·w.
 fn turn_struts(motion: &mut Motion) {
     for strut in 0..STRUTS {
+        let v = motion.shaft[strut / 2];
         let body = &mut motion.bodies[STRUT + strut];
         let [w, y, z] = [0, 1, 2].map(|k| body.rotation.column(k).into_owned());
-        let (v, w_rate) = (Geometry::tangential(strut / 2), body.angular_velocity.cross(&w));
+        let w_rate = body.angular_velocity.cross(&w);
         // y = n/|n| with n = v − w(w·v), and n·z = 0.
         let n_rate = -w_rate * w.dot(&v) - w * w_rate.dot(&v);
         let across = (v - w * w.dot(&v)).norm();

@@ -118,7 +118,7 @@ fn every_number_of_the_shipped_models_has_a_comment() {
 #[test]
 fn numbers_arrive_where_they_belong() {
     let m = parse(&nominal()).unwrap();
-    assert_eq!(m.geometry.strut_length, [1.106; 3]);
+    assert!(m.geometry.limbs.iter().all(|limb| limb.strut_length == 1.106) && m.geometry.limbs.len() == 3);
     assert_eq!(m.geometry.flange_height, -0.0625);
     assert_eq!(m.bodies[ARM + 2], Inertia::diagonal(1.6, [0.176, 0.0, 0.006], [0.100, 0.258, 0.258]));
     assert_eq!(m.bodies[STRUT + 5].mass, 0.179);
@@ -149,7 +149,7 @@ fn a_lone_axis_is_a_mass_or_an_inertia() {
     let slide = parse(&text_of("servo-axis")).unwrap();
     assert_eq!((slide.mechanism, slide.gravity), (Mechanism::axis(Joint::Prismatic), 0.0));
     assert_eq!((slide.bodies[ARM], slide.noise.torque[0]), (Inertia::lone(12.0), 2.0));
-    assert_eq!((slide.drives[0].gear_ratio, slide.geometry.arm_limits), (314.159265, [-0.4, 0.4]));
+    assert_eq!((slide.drives[0].gear_ratio, slide.geometry.arm_limits()), (314.159265, [-0.4, 0.4]));
     assert_eq!(slide.effects[0].values, [30.0, 60.0, 1900.0]);
     // 0.02 m of lead by 2¹⁷ increments.
     approx::assert_relative_eq!(slide.drives[0].encoder_step(), 0.02 / 131072.0, max_relative = 1e-8);
@@ -649,7 +649,7 @@ fn a_single_body_departs_from_its_group_when_written() {
     m.bodies[STRUT + 3] = Inertia::diagonal(0.34, [0.188, 0.0, 0.0], [1.5e-5, 0.14, 0.14]);
     m.bodies[PLATFORM].tensor[(0, 1)] = 1e-4;
     m.bodies[PLATFORM].tensor[(1, 0)] = 1e-4;
-    m.geometry.strut_length = [1.106, 1.1061, 1.106];
+    m.geometry.limbs[1].strut_length = 1.1061;
     let new = updated_text(&text, &m).unwrap();
     assert!(new.contains("[bodies.strut4]"));
     assert_same(&parse(&new).unwrap(), &m);
@@ -663,6 +663,7 @@ fn generated_files_hold_every_number() {
         assert_same(&parse(&text).unwrap_or_else(|e| panic!("{e:?}\n{text}")), &model);
         let comment = match model.mechanism {
             Mechanism::LINEAR_DELTA => "# m; centre line to the ball line of a carriage",
+            machine if !machine.is_delta() && machine.limbs() > 1 => "# m; centre line to the shaft",
             Mechanism::Delta { .. } => "# m; centre line to motor shaft",
             Mechanism::Axis(_) => "# kg; of all that moves",
         };

@@ -87,7 +87,7 @@ fn joint_motions_turn_only_their_axis() {
     let scenario = scenario::parse(text, &crate::common::shipped("scenarios/test.toml")).unwrap();
     let model = model::read(&scenario.model).unwrap();
     let motion = scenario.motion(&model).unwrap();
-    let held = model.geometry.inverse(&Vector3::new(0.05, 0.0, -1.0)).unwrap();
+    let held = model.geometry.inverse(&Vector3::new(0.05, 0.0, -1.0), 0.0).unwrap();
     for k in 0..=100 {
         let joints = motion.at(scenario.duration * k as f64 / 100.0).joints(&model.geometry).unwrap();
         assert!((joints.q[0] - held[0]).abs() < 1e-9 && (joints.q[2] - held[2]).abs() < 1e-9);

@@ -2,12 +2,14 @@
 
 use crate::common;
 
+use std::f64::consts::TAU;
+
 use deltatwin::diagnosis::{self, Verdict, diagnose, diagnose_with};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::identification::fit::{Estimate, FitError, Options};
 use deltatwin::identification::{Dataset, PayloadFit, identify_payload, predict};
 use deltatwin::kinematics::JointState;
-use deltatwin::machine::{Geometry, Payload, STRUTS, Setup};
+use deltatwin::machine::{Payload, STRUTS, Setup};
 use deltatwin::model::Model;
 use deltatwin::recording::Channel;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
@@ -51,7 +53,8 @@ fn a_product_of_inertia_that_turns_loads_the_struts() {
     let level = (0.2 + 0.5 * 0.4f64.cos() - 0.048) / 1.106;
     let down = (1.0 - level * level).sqrt();
     for limb in 0..3 {
-        let expected = 2.0 / 3.0 * moment.dot(&Geometry::radial(limb)) / (down * 0.1);
+        let expected =
+            2.0 / 3.0 * moment.dot(&deltatwin::machine::Limb::at(limb as f64 * TAU / 3.0).radial()) / (down * 0.1);
         for (strut, sign) in [(2 * limb, 1.0), (2 * limb + 1, -1.0)] {
             let force = with.reactions.lower[strut] - point.reactions.lower[strut];
             assert!((force - sign * expected).abs() < 1e-9, "strut {}: {force} {expected}", strut + 1);

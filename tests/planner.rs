@@ -166,7 +166,7 @@ fn reference_loads(plant: &Plant, point: &PathPoint, speed: f64, acceleration: f
     let own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
     let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
     let out = inverse_dynamics(plant, 0.0, &motion, &states, true).unwrap();
-    out.tau.into_iter().chain(out.reactions.lower).chain(out.reactions.upper).collect()
+    [&out.tau[..], &out.reactions.lower[..6], &out.reactions.upper[..6]].concat()
 }
 
 /// The same from coefficients.
@@ -557,7 +557,7 @@ fn limited_strut_forces_keep_the_sockets_closed() {
 fn robots_without_a_telescope_are_planned_and_executed() {
     for (name, height, strut) in [("clavel-delta", -0.95, 120.0), ("linear-delta", -0.25, 9.0)] {
         let model = common::model(name);
-        let reach = 0.4 * model.geometry.base_radius;
+        let reach = 0.4 * model.geometry.limbs[0].base_radius;
         let path = |psi: f64| {
             Shape::arch([0.0, -reach, height, 0.0], [0.0, reach, height, psi], 0.1 * reach, 0.05 * reach, 0.1)
         };
@@ -588,7 +588,7 @@ fn robots_without_a_telescope_have_the_constraint_forces_of_the_twin() {
         (scenario.duration, scenario.noise) = (0.4, false);
         scenario.formulation = deltatwin::scenario::Formulation::Absolute;
         let sensors = &mut scenario.sensors;
-        (sensors.strut_upper, sensors.strut_lower) = ([true; 6], [true; 6]);
+        (sensors.strut_upper, sensors.strut_lower) = (crate::common::SIX_STRUTS, crate::common::SIX_STRUTS);
         (sensors.velocity, sensors.acceleration) = (true, true);
         let plant = Plant::new(&model, &scenario.setup);
         let motion = scenario.motion(&model).unwrap();

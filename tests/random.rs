@@ -188,7 +188,9 @@ fn a_thousand_random_runs_end_cleanly() {
                 Err(_) => tags.push("PANIC".into()),
                 Ok(Err(e)) => tags.push(match e {
                     SimulationError::Body { .. } => "error: body".into(),
-                    SimulationError::Missing { .. } | SimulationError::Load { .. } => "error: missing".into(),
+                    SimulationError::Missing { .. }
+                    | SimulationError::NoStrut { .. }
+                    | SimulationError::Load { .. } => "error: missing".into(),
                     SimulationError::Trajectory { .. } => "error: trajectory".into(),
                     SimulationError::Singular { .. } => {
                         println!("seed {seed}: {e} {:?}", random.robot.effects.last().map(|a| a.effect.name()));

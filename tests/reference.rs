@@ -14,7 +14,7 @@ struct Table {
 }
 
 impl Table {
-    fn read(name: &str) -> Self {
+    fn read(name: &str, count: usize) -> Self {
         let mut reader = csv::Reader::from_path(crate::common::shipped(format!("tests/reference/{name}.csv")))
             .expect("reference file");
         let columns = reader.headers().unwrap().iter().enumerate().map(|(i, h)| (h.to_string(), i)).collect();
@@ -22,7 +22,7 @@ impl Table {
             .records()
             .map(|r| r.unwrap().iter().map(|x| x.parse().expect("a number")).collect())
             .collect::<Vec<Vec<f64>>>();
-        assert_eq!(rows.len(), 200, "{name}");
+        assert_eq!(rows.len(), count, "{name}");
         Self { columns, rows }
     }
 
@@ -63,7 +63,7 @@ impl Worst {
 const TOLERANCE: f64 = 1e-10;
 
 fn compare_forces(name: &str, plant: &Plant) {
-    let table = Table::read(name);
+    let table = Table::read(name, 200);
     let mut worst = Worst(HashMap::new());
     let states: Vec<&[f64]> = plant.effects.iter().map(|_| [].as_slice()).collect();
     for row in 0..table.rows.len() {
@@ -85,7 +85,7 @@ fn compare_forces(name: &str, plant: &Plant) {
 #[test]
 fn kinematics_agree() {
     let plant = common::nominal_plant();
-    let table = Table::read("kinematics");
+    let table = Table::read("kinematics", 200);
     let mut worst = Worst(HashMap::new());
     for row in 0..table.rows.len() {
         let motion = Motion::assembled(&plant.geometry, &table.joints(row)).expect("reachable");
@@ -130,7 +130,7 @@ fn socket_friction_takes_the_power_of_the_reference_rates() {
     let c = 0.30;
     let (rigid, plant) =
         (common::nominal_plant(), common::with_effect(common::nominal_plant(), "ball_socket_viscous", &[&[c]]));
-    let table = Table::read("kinematics");
+    let table = Table::read("kinematics", 200);
     let mut worst = Worst(HashMap::new());
     for row in 0..table.rows.len() {
         let joints = table.joints(row);
@@ -143,4 +143,62 @@ fn socket_friction_takes_the_power_of_the_reference_rates() {
         worst.see("power", got, want);
     }
     worst.assert_below(TOLERANCE, "socket friction");
+}
+
+/// Par4, H4, I4 and Par2 against free bodies with joint constraints, unweighted and weighted rows apart: among others the
+/// strut forces, which are not unique but for the stiffness of the struts (`tests/reference/family/README.md`).
+#[test]
+fn relatives_of_the_delta_robot_agree() {
+    let payload = Payload::with_tensor(2.0, [0.025, -0.015, -0.09], [45e-4, 52e-4, 31e-4, 2e-4, -1.5e-4, 3e-4]);
+    for name in ["par4", "h4", "i4", "par2"] {
+        let mut model = common::model(name);
+        model.effects.clear();
+        let motions = Table::read(&format!("family/{name}_motion"), 40);
+        for (file, payload) in [("no_payload", Payload::default()), ("payload", payload)] {
+            let plant = Plant::new(&model, &Setup { payload, ..Setup::default() });
+            let table = Table::read(&format!("family/{name}_{file}"), 40);
+            let mut worst = Worst(HashMap::new());
+            for row in 0..40 {
+                compare_kinematics(&plant, &motions, row, &mut worst);
+                let motion = plant.motion(&motions.joints(row)).expect("reachable");
+                let out = inverse_dynamics(&plant, 0.0, &motion, &[], true).expect("regular");
+                for i in 0..plant.mechanism.axes() {
+                    let column = format!("tau{}", i + 1);
+                    worst.see(&column, out.tau[i], table.get(row, &column));
+                }
+                for s in 0..plant.mechanism.struts() {
+                    let (u, l) = (format!("strut{}_upper", s + 1), format!("strut{}_lower", s + 1));
+                    worst.see(&u, out.reactions.upper[s], table.get(row, &u));
+                    worst.see(&l, out.reactions.lower[s], table.get(row, &l));
+                }
+            }
+            worst.assert_below(1e-9, &format!("{name} {file}"));
+        }
+    }
+}
+
+/// Pose from drive angles and back, with rates and accelerations.
+fn compare_kinematics(plant: &Plant, motions: &Table, row: usize, worst: &mut Worst) {
+    let (g, joints) = (&plant.geometry, motions.joints(row));
+    let drives =
+        JointState { q: std::array::from_fn(|i| if i < plant.mechanism.arms() { joints.q[i] } else { 0.0 }), ..joints };
+    let (all, platform) = g.complete(&drives).expect("reachable");
+    let back = g.inverse_motion(&platform).expect("reachable");
+    for i in 0..4 {
+        for (prefix, found, again) in [("q", all.q, back.q), ("qd", all.qd, back.qd), ("qdd", all.qdd, back.qdd)] {
+            let column = format!("{prefix}{}", i + 1);
+            worst.see(&column, found[i], motions.get(row, &column));
+            worst.see(&column, again[i], motions.get(row, &column));
+        }
+    }
+    for (k, axis) in ["x", "y", "z"].into_iter().enumerate() {
+        worst.see("place", platform.position[k], motions.get(row, axis));
+        worst.see("velocity", platform.velocity[k], motions.get(row, &format!("{axis}d")));
+        worst.see("acceleration", platform.acceleration[k], motions.get(row, &format!("{axis}dd")));
+    }
+    if g.plate.turns() {
+        for (k, column) in ["psi", "psid", "psidd"].into_iter().enumerate() {
+            worst.see(column, platform.psi[k], motions.get(row, column));
+        }
+    }
 }

@@ -8,7 +8,7 @@ use common::runs;
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::{Dataset, swapped};
 use deltatwin::kinematics::JointState;
-use deltatwin::machine::bodies::{BODIES, END_EFFECTOR};
+use deltatwin::machine::bodies::{END_EFFECTOR, SLOTS};
 use deltatwin::machine::{Inertia, Payload, Setup};
 use deltatwin::recording::Recording;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
@@ -122,7 +122,7 @@ fn momentum_is_conserved_when_the_gripper_closes() {
     let scenario = scenario::read(&crate::common::shipped("scenarios/pick-and-place.toml")).unwrap();
     let machine = model::read(&scenario.model).unwrap();
     let plant = Plant::new(&machine, &scenario.setup);
-    let q = plant.geometry.inverse(&Vector3::new(-0.2, 0.0, -1.0375)).unwrap();
+    let q = plant.geometry.inverse(&Vector3::new(-0.2, 0.0, -1.0375), 0.0).unwrap();
     let q = [q[0], q[1], q[2], 0.4];
     for qd in [[0.0; 4], [1.0, -2.0, 1.5, 6.0]] {
         let motion = plant.motion(&JointState { q, qd, qdd: [0.0; 4] }).unwrap();
@@ -131,7 +131,7 @@ fn momentum_is_conserved_when_the_gripper_closes() {
         (0..400).for_each(|_| cell.advance(4e-4, 0.0));
         let (before, _) = cell.momentum();
         let mut twin = Twin::new(plant.clone(), &motion).unwrap();
-        let momenta = |twin: &Twin| -> [(Vector3<f64>, Vector3<f64>); BODIES] {
+        let momenta = |twin: &Twin| -> [(Vector3<f64>, Vector3<f64>); SLOTS] {
             let motion = twin.motion();
             std::array::from_fn(|b| {
                 let (inertia, m): (&Inertia, _) = (&twin.plant().bodies[b], &motion.bodies[b]);
@@ -165,7 +165,7 @@ fn momentum_is_conserved_when_the_gripper_closes() {
                 p.dot(&allowed.bodies[b].velocity) + l.dot(&allowed.bodies[b].angular_velocity)
             };
             let gained: f64 =
-                (0..BODIES).map(|b| along(b, &(joined[b].0 - robot[b].0), &(joined[b].1 - robot[b].1))).sum();
+                (0..SLOTS).map(|b| along(b, &(joined[b].0 - robot[b].0), &(joined[b].1 - robot[b].1))).sum();
             let brought = along(END_EFFECTOR, &linear, &angular);
             println!("axis {}: brought {brought:+.6}, gained {gained:+.6} N·m·s", axis + 1);
             assert!((gained - brought).abs() < 1e-12 + 1e-9 * brought.abs(), "{gained} {brought}");

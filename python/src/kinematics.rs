@@ -1,8 +1,8 @@
 //! Kinematics: positions, Jacobians, and the motion of all bodies.
 
 use deltatwin::dynamics::Plant;
-use deltatwin::kinematics::{self, KinematicsError};
-use deltatwin::machine::bodies::{BODIES, body_name};
+use deltatwin::kinematics::{self, KinematicsError, PlatformState};
+use deltatwin::machine::bodies::{SLOTS, body_name};
 use nalgebra::Vector3;
 use numpy::PyArrayDyn;
 use pyo3::exceptions::PyValueError;
@@ -39,7 +39,7 @@ impl Motion {
         of: impl Fn(&kinematics::BodyMotion) -> Vector3<f64>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let values = self.all.iter().flat_map(|m| m.bodies.iter().flat_map(|b| <[f64; 3]>::from(of(b)))).collect();
-        arrays::array(py, values, &[self.all.len(), BODIES, 3])
+        arrays::array(py, values, &[self.all.len(), SLOTS, 3])
     }
 }
 
@@ -48,7 +48,7 @@ impl Motion {
     /// Names of the bodies, in the order of the second axis of the arrays.
     #[getter]
     fn bodies(&self) -> Vec<String> {
-        (0..BODIES).map(body_name).collect()
+        (0..SLOTS).map(body_name).collect()
     }
 
     /// Origins of the body frames, ``(n, bodies, 3)``, m, inertial frame.
@@ -89,7 +89,7 @@ impl Motion {
             (0..9).map(move |k| r[(k / 3, k % 3)])
         };
         let values = self.all.iter().flat_map(|m| m.bodies.iter().flat_map(rows)).collect();
-        arrays::array(py, values, &[self.all.len(), BODIES, 3, 3])
+        arrays::array(py, values, &[self.all.len(), SLOTS, 3, 3])
     }
 
     fn __len__(&self) -> usize {
@@ -97,7 +97,7 @@ impl Motion {
     }
 
     fn __repr__(&self) -> String {
-        format!("Motion(instants={}, bodies={BODIES})", self.all.len())
+        format!("Motion(instants={}, bodies={SLOTS})", self.all.len())
     }
 }
 
@@ -155,11 +155,13 @@ impl Model {
         let all = py.detach(|| {
             let mut out = Vec::with_capacity(dof * rows_of(values, 3));
             for (k, at) in values.chunks_exact(3).enumerate() {
-                let arms = plant.geometry.inverse(&Vector3::new(at[0], at[1], at[2])).map_err(|e| impossible(e, k))?;
-                out.extend_from_slice(&arms);
-                if dof == 4 {
-                    out.push(angles.as_ref().map_or(0.0, |a| a[k]));
-                }
+                let pose = PlatformState {
+                    position: Vector3::new(at[0], at[1], at[2]),
+                    psi: [angles.as_ref().map_or(0.0, |a| a[k]), 0.0, 0.0],
+                    ..PlatformState::default()
+                };
+                let joints = plant.geometry.inverse_motion(&pose).map_err(|e| impossible(e, k))?;
+                out.extend_from_slice(&joints.q[..dof]);
             }
             Ok::<_, PyErr>(out)
         })?;

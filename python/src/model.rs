@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{self, ActiveEffect, Effect, Role};
-use deltatwin::machine::Mechanism;
+use deltatwin::machine::{Limb, Mechanism};
 use deltatwin::model;
 use deltatwin::text::nearest;
 use pyo3::exceptions::{PyKeyError, PyValueError};
@@ -205,7 +205,7 @@ impl Model {
             ("jerk", of(&|d| d.max_jerk)),
         ]);
         if matches!(self.inner.mechanism, Mechanism::Delta { .. }) {
-            limits.insert("arm_angle", self.inner.geometry.arm_limits.to_vec());
+            limits.insert("arm_angle", self.inner.geometry.arm_limits().to_vec());
         }
         limits
     }
@@ -218,12 +218,13 @@ impl Model {
             return BTreeMap::new();
         }
         let g = &self.inner.geometry;
+        let of = |length: &dyn Fn(&Limb) -> f64| vec![length(&g.limbs[0])];
         BTreeMap::from([
-            ("base_radius", vec![g.base_radius]),
-            ("arm_length", vec![g.arm_length]),
-            ("strut_length", g.strut_length.to_vec()),
-            ("platform_radius", vec![g.platform_radius]),
-            ("pair_distance", vec![g.pair_distance]),
+            ("base_radius", of(&|limb| limb.base_radius)),
+            ("arm_length", of(&|limb| limb.arm_length)),
+            ("strut_length", g.limbs.iter().map(|limb| limb.strut_length).collect()),
+            ("platform_radius", vec![g.platform_radius()]),
+            ("pair_distance", of(&|limb| limb.pair_distance)),
         ])
     }
 

@@ -87,7 +87,7 @@ pub fn plan(
     tighten: bool,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Plan> {
-    if !model.inner.assembled || !matches!(model.inner.mechanism, Mechanism::Delta { .. }) {
+    if !model.inner.assembled || !model.inner.mechanism.is_delta() {
         return Err(errors::model_error(py, "expected an assembled robot"));
     }
     let own = model.inner.clone();

@@ -71,16 +71,16 @@ impl Cylinder {
 pub fn cylinder(geometry: &Geometry, body: usize) -> Option<Cylinder> {
     let shortest = geometry.telescope_limits[0];
     Some(match body {
-        ARM..STRUT => match geometry.arms {
-            Actuator::Revolute => Cylinder::along_x(geometry.arm_length, ARM_RADIUS),
+        ARM..STRUT => match geometry.limbs[body - ARM].actuator {
+            Actuator::Revolute => Cylinder::along_x(geometry.limbs[body - ARM].arm_length, ARM_RADIUS),
             Actuator::Prismatic { .. } => Cylinder {
                 radius: CARRIAGE_RADIUS,
                 ends: [[-CARRIAGE_LENGTH / 2.0, 0.0, 0.0], [CARRIAGE_LENGTH / 2.0, 0.0, 0.0]],
             },
         },
-        STRUT..PLATFORM => Cylinder::along_x(geometry.strut_length[(body - STRUT) / 2], STRUT_RADIUS),
+        STRUT..PLATFORM => Cylinder::along_x(geometry.limbs[(body - STRUT) / 2].strut_length, STRUT_RADIUS),
         PLATFORM => {
-            let radius = (geometry.platform_radius - PLATFORM_INSET).max(0.5 * geometry.platform_radius);
+            let radius = (geometry.platform_radius() - PLATFORM_INSET).max(0.5 * geometry.platform_radius());
             Cylinder::along_z([-PLATFORM_THICKNESS, PLATFORM_THICKNESS], radius)
         }
         END_EFFECTOR => Cylinder::along_z([0.0, (-geometry.flange_height).max(0.01)], FLANGE_RADIUS),

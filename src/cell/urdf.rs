@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 use super::links::{Cylinder, cylinder};
 use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name};
-use crate::machine::{ARMS, Actuator, Geometry, STRUTS};
+use crate::machine::{ARMS, Actuator, STRUTS};
 use crate::model::Model;
 
 /// Name of the link at the inertial frame.
@@ -17,7 +17,7 @@ pub const BASE: &str = "base";
 /// poses are the transforms of the recording. Link frames are the body frames of the twin, visual shapes are cylinders
 /// of the collision dimensions. Masses are omitted, since a tree cannot represent the closed loops.
 pub fn urdf(model: &Model) -> Option<String> {
-    if !model.assembled {
+    if !model.assembled || !model.mechanism.is_delta() {
         return None;
     }
     let g = &model.geometry;
@@ -26,19 +26,19 @@ pub fn urdf(model: &Model) -> Option<String> {
     for i in 0..ARMS {
         let arm = body_name(ARM + i);
         out.link(&arm, cylinder(g, ARM + i));
-        let shaft = Geometry::radial(i) * g.base_radius;
-        let limits = (g.arm_limits, &model.drives[i]);
-        let (kind, pitch, axis) = match g.arms {
+        let limb = &g.limbs[i];
+        let limits = (limb.limits, &model.drives[i]);
+        let (kind, pitch, axis) = match limb.actuator {
             Actuator::Revolute => ("revolute", 0.0, [0.0, 1.0, 0.0]),
             Actuator::Prismatic { inclination } => ("prismatic", inclination, [1.0, 0.0, 0.0]),
         };
-        out.joint(&format!("axis{}", i + 1), kind, [BASE, &arm], shaft.into(), [pitch, Geometry::azimuth(i)]);
+        out.joint(&format!("axis{}", i + 1), kind, [BASE, &arm], limb.shaft().into(), [pitch, limb.azimuth()]);
         out.axis(axis, Some(limits));
     }
     for s in 0..STRUTS {
         let (limb, strut) = (s / (STRUTS / ARMS), body_name(STRUT + s));
         out.link(&strut, cylinder(g, STRUT + s));
-        let elbow = [g.arm_length, g.pair_offset(s), 0.0];
+        let elbow = g.elbow_ball(s).into();
         out.joint(&format!("elbow{}", s + 1), "floating", [&body_name(ARM + limb), &strut], elbow, [0.0; 2]);
         out.end();
     }

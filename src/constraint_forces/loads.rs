@@ -3,10 +3,10 @@
 use nalgebra::Vector3;
 
 use super::{Loads, Multipliers, Statics};
-use crate::dynamics::{Plant, Twist, borne, rigid_wrenches};
+use crate::dynamics::{Plant, Twist, borne, loaded_wrenches};
 use crate::kinematics::{KinematicsError, Motion};
 use crate::machine::STRUTS;
-use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, SLOTS, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
 /// Detail of the loads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -56,7 +56,7 @@ impl Statics {
     /// Loads of `wrenches` on the bodies (applied minus inertial, about their origins, inertial axes).
     ///
     /// In the reduced detail the wrenches on rotor and telescope are omitted.
-    pub fn loads(&self, motion: &Motion, wrenches: &[Twist; BODIES]) -> Loads {
+    pub fn loads(&self, motion: &Motion, wrenches: &[Twist; SLOTS]) -> Loads {
         let mut loads = Loads {
             end_effector: wrenches[END_EFFECTOR],
             platform: wrenches[PLATFORM],
@@ -90,7 +90,7 @@ impl Statics {
 }
 
 /// Adds the weight and inertia of the lower telescope part to the platform, as in the reduced model.
-fn telescope_on_platform(plant: &Plant, motion: &Motion, wrenches: &mut [Twist; BODIES]) {
+fn telescope_on_platform(plant: &Plant, motion: &Motion, wrenches: &mut [Twist; SLOTS]) {
     let platform = &plant.bodies[PLATFORM];
     let centre = if platform.mass > 0.0 { platform.first_moment / platform.mass } else { Vector3::zeros() };
     let force = (plant.gravity_vector() - motion.bodies[PLATFORM].acceleration) * plant.bodies[TELESCOPE_LOWER].mass;
@@ -99,8 +99,8 @@ fn telescope_on_platform(plant: &Plant, motion: &Motion, wrenches: &mut [Twist; 
 }
 
 /// Weight minus inertial wrench of every body in the given detail.
-pub(crate) fn rigid_loads(plant: &Plant, t: f64, motion: &Motion, detail: Detail) -> [Twist; BODIES] {
-    let mut wrenches = rigid_wrenches(plant, t, motion);
+pub(crate) fn rigid_loads(plant: &Plant, t: f64, motion: &Motion, detail: Detail) -> [Twist; SLOTS] {
+    let mut wrenches = loaded_wrenches(plant, t, motion);
     if detail == Detail::Reduced {
         telescope_on_platform(plant, motion, &mut wrenches);
     }
@@ -121,6 +121,6 @@ pub fn constraint_forces(
     detail: Detail,
 ) -> Result<Multipliers, KinematicsError> {
     let statics = Statics::of(plant, motion, detail)?;
-    let solve = |wrenches: &[Twist; BODIES]| statics.solve(&statics.loads(motion, wrenches));
+    let solve = |wrenches: &[Twist; SLOTS]| statics.solve(&statics.loads(motion, wrenches));
     borne(plant, t, motion, states, rigid_loads(plant, t, motion, detail), solve)
 }

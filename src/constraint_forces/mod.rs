@@ -77,7 +77,7 @@ impl Multipliers {
     /// Drive torques and strut forces.
     pub fn output(&self) -> Output {
         let [a, b, c] = self.lambda_a;
-        Output { tau: [a, b, c, self.lambda_tb], reactions: Reactions { upper: self.lambda_s, lower: self.lambda_p } }
+        Output { tau: [a, b, c, self.lambda_tb], reactions: Reactions::of(&self.lambda_s, &self.lambda_p) }
     }
 }
 

@@ -66,7 +66,7 @@ impl Statics {
         };
         let axis: [Vector3<f64>; ARMS] = std::array::from_fn(|i| motion.strut_axis[2 * i]);
         let half: [Vector3<f64>; ARMS] = std::array::from_fn(|i| (ball(2 * i) - ball(2 * i + 1)) * 0.5);
-        let singular = || KinematicsError::Singular { q: [motion.q[0], motion.q[1], motion.q[2]] };
+        let singular = || KinematicsError::Singular { q: motion.q[..ARMS].into() };
         let invert = |columns: &[Vector3<f64>; ARMS]| Matrix3::from_columns(columns).try_inverse().ok_or_else(singular);
         Ok(Self {
             detail: Detail::Complete,

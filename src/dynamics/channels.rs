@@ -4,11 +4,12 @@
 //! are locked. With ξ_c the twists of all bodies per unit of such a virtual motion and w the applied minus the inertial
 //! wrenches, τ_c = −Σ ξ_c·w and T_c = +Σ ξ_c·w (tension positive).
 
-use nalgebra::{Matrix6, Vector3, Vector6};
+use nalgebra::{Matrix4, Matrix6, Vector3, Vector6};
 
+use super::plate::PlateMotions;
 use crate::kinematics::{KinematicsError, Motion};
-use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{ARMS, Geometry, STRUTS};
+use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, strut};
+use crate::machine::{Bodies, Geometry, Inertia, MAX_LIMBS, STRUTS};
 use crate::recording::Channel;
 
 /// Twist (velocity of the frame origin, angular velocity) or wrench (force, moment about the origin) of a body,
@@ -22,7 +23,7 @@ pub(crate) const STILL: Twist = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 
 pub struct ChannelMap {
     /// Channels in order.
     pub channels: Vec<Channel>,
-    twists: Vec<[Twist; BODIES]>,
+    twists: Vec<[Twist; SLOTS]>,
 }
 
 impl ChannelMap {
@@ -38,46 +39,54 @@ impl ChannelMap {
         assembled: bool,
         channels: &[Channel],
     ) -> Result<Self, KinematicsError> {
-        let mut twists = Vec::with_capacity(channels.len());
-        let jacobian = if assembled {
-            geometry.jacobian(&motion.q, &motion.bodies[PLATFORM].position)?
-        } else {
-            nalgebra::Matrix3::zeros()
+        let plate = match assembled && !geometry.has_platform_of_three() {
+            true => Some(PlateMotions::new(geometry, motion)?),
+            false => None,
         };
-        let gaps = if channels.iter().all(|c| c.drive().is_some()) {
-            None
-        } else {
-            Some(gap_inverse(motion).ok_or(KinematicsError::Singular { q: [motion.q[0], motion.q[1], motion.q[2]] })?)
-        };
-        for &channel in channels {
-            let mut arms = [0.0; ARMS];
-            let mut rotor = 0.0;
-            let mut platform = STILL;
-            match channel {
-                Channel::Torque(axis) if axis < ARMS => {
-                    arms[axis] = 1.0;
-                    platform.0 = jacobian.column(axis).into_owned();
-                }
-                Channel::Torque(_) => rotor = 1.0,
-                Channel::StrutUpper(s) | Channel::StrutLower(s) => {
-                    let column = gaps.as_ref().map_or(Vector6::zeros(), |g| g.column(s).into_owned());
-                    platform = (column.fixed_rows::<3>(0).into_owned(), column.fixed_rows::<3>(3).into_owned());
-                }
-                _ => {}
-            }
-            let mut xi = if assembled {
-                spread(motion, &arms, rotor, &platform)
-            } else {
-                let mut xi = [STILL; BODIES];
+        let three = if assembled && plate.is_none() { Some(Three::new(geometry, motion, channels)?) } else { None };
+        let twists = channels.iter().map(|&channel| match (&plate, &three) {
+            (Some(plate), _) => of_plate(motion, plate, channel),
+            (None, Some(three)) => three.twists(motion, channel),
+            (None, None) => {
+                let (arms, rotor) = drives(channel, motion.limbs);
+                let mut xi = [STILL; SLOTS];
                 set_drives(&mut xi, motion, &arms, rotor);
                 xi
-            };
-            if let Channel::StrutUpper(s) = channel {
-                xi[STRUT + s].0 += motion.strut_axis[s];
             }
-            twists.push(xi);
+        });
+        let mut twists: Vec<[Twist; SLOTS]> = twists.collect();
+        for (xi, channel) in twists.iter_mut().zip(channels) {
+            if let Channel::StrutUpper(s) = *channel {
+                xi[strut(s)].0 += motion.strut_axis[s];
+            }
         }
         Ok(Self { channels: channels.to_vec(), twists })
+    }
+
+    /// Inertia of all bodies on the channels' virtual motions, Σ ξᵀ M ξ: of drives their mass matrix, kg·m² or kg.
+    ///
+    /// # Panics
+    /// If there are more than four channels.
+    pub(crate) fn mass(&self, bodies: &Bodies, motion: &Motion) -> Matrix4<f64> {
+        let mut out = Matrix4::zeros();
+        for (body, inertia) in bodies.0.iter().enumerate().filter(|(_, inertia)| **inertia != Inertia::ZERO) {
+            let rotation = &motion.bodies[body].rotation;
+            let own = |c: usize| {
+                let (v, omega) = &self.twists[c][body];
+                (rotation.tr_mul(v), rotation.tr_mul(omega))
+            };
+            for d in 0..self.twists.len() {
+                let (v, omega) = own(d);
+                let linear = v * inertia.mass + omega.cross(&inertia.first_moment);
+                let angular = inertia.first_moment.cross(&v) + inertia.tensor * omega;
+                for c in 0..=d {
+                    let (v, omega) = own(c);
+                    out[(c, d)] += v.dot(&linear) + omega.dot(&angular);
+                }
+            }
+        }
+        out.fill_lower_triangle_with_upper_triangle();
+        out
     }
 
     /// Contribution of a wrench on `body` (inertial axes, about its origin) to channel number `c` of the map, N·m or N.
@@ -91,56 +100,111 @@ impl ChannelMap {
     }
 }
 
-/// Platform twists per unit gap at each strut with locked drives: inverse of the matrix with rows (uᵀ, (r × u)ᵀ).
-pub(super) fn gap_inverse(motion: &Motion) -> Option<Matrix6<f64>> {
+/// Rates of the arms and of the rotor in the virtual motion of a channel.
+fn drives(channel: Channel, limbs: usize) -> ([f64; MAX_LIMBS], f64) {
+    let mut arms = [0.0; MAX_LIMBS];
+    match channel {
+        Channel::Torque(axis) if axis < limbs => arms[axis] = 1.0,
+        Channel::Torque(_) => return (arms, 1.0),
+        _ => {}
+    }
+    (arms, 0.0)
+}
+
+/// Platform twists of three limbs: per arm rate, and per unit gap.
+struct Three {
+    jacobian: nalgebra::Matrix3<f64>,
+    gaps: Option<Matrix6<f64>>,
+}
+
+impl Three {
+    fn new(geometry: &Geometry, motion: &Motion, channels: &[Channel]) -> Result<Self, KinematicsError> {
+        let jacobian = geometry.jacobian(&motion.q, &motion.bodies[PLATFORM].position)?;
+        let with_struts = !channels.iter().all(|c| c.drive().is_some());
+        Ok(Self { jacobian, gaps: if with_struts { Some(gap_inverse(motion)?) } else { None } })
+    }
+
+    fn twists(&self, motion: &Motion, channel: Channel) -> [Twist; SLOTS] {
+        let (arms, rotor) = drives(channel, motion.limbs);
+        let platform = match (channel, &self.gaps) {
+            (Channel::Torque(axis), _) if axis < motion.limbs => {
+                (self.jacobian.column(axis).into_owned(), Vector3::zeros())
+            }
+            (Channel::StrutUpper(s) | Channel::StrutLower(s), Some(gaps)) => {
+                let column: Vector6<f64> = gaps.column(s).into_owned();
+                (column.fixed_rows::<3>(0).into_owned(), column.fixed_rows::<3>(3).into_owned())
+            }
+            _ => STILL,
+        };
+        spread(motion, &arms, rotor, &platform)
+    }
+}
+
+fn of_plate(motion: &Motion, plate: &PlateMotions, channel: Channel) -> [Twist; SLOTS] {
+    let (mut arms, rotor) = drives(channel, motion.driven);
+    let mut xi = [STILL; SLOTS];
+    match channel {
+        Channel::Torque(axis) if axis < motion.driven => plate.spread(&plate.driven(axis), &mut arms, &mut xi),
+        Channel::StrutUpper(s) | Channel::StrutLower(s) => plate.spread(&plate.gap(s), &mut arms, &mut xi),
+        _ => {}
+    }
+    set_drives(&mut xi, motion, &arms, rotor);
+    spread_struts(motion, &mut xi);
+    xi
+}
+
+/// Platform twists of three limbs per unit gap at each strut with locked drives: inverse of the matrix with rows (uᵀ,
+/// (r × u)ᵀ).
+///
+/// # Errors
+/// [`KinematicsError::Singular`] if the matrix is singular.
+pub(super) fn gap_inverse(motion: &Motion) -> Result<Matrix6<f64>, KinematicsError> {
     let mut rows = Matrix6::zeros();
     for s in 0..STRUTS {
         let u = motion.strut_axis[s];
-        let r = platform_ball(motion, s);
+        let r = motion.lower_ball(s) - motion.bodies[PLATFORM].position;
         rows.fixed_view_mut::<1, 3>(s, 0).copy_from(&u.transpose());
         rows.fixed_view_mut::<1, 3>(s, 3).copy_from(&r.cross(&u).transpose());
     }
-    rows.try_inverse()
+    rows.try_inverse().ok_or_else(|| KinematicsError::Singular { q: motion.q[..motion.limbs].into() })
 }
 
-/// Lower ball of strut `s` relative to the platform origin, inertial axes, m.
-pub(super) fn platform_ball(motion: &Motion, s: usize) -> Vector3<f64> {
-    let strut = &motion.bodies[STRUT + s];
-    strut.position + strut_vector(motion, s) - motion.bodies[PLATFORM].position
-}
-
-fn strut_vector(motion: &Motion, s: usize) -> Vector3<f64> {
-    motion.strut_axis[s] * motion.strut_length[s]
-}
-
-fn set_drives(xi: &mut [Twist; BODIES], motion: &Motion, arms: &[f64; ARMS], rotor: f64) {
-    for (i, rate) in arms.iter().enumerate() {
-        let (body, screw) = motion.drive(i);
-        xi[body] = (screw.linear * *rate, screw.angular * *rate);
+fn set_drives(xi: &mut [Twist; SLOTS], motion: &Motion, arms: &[f64; MAX_LIMBS], rotor: f64) {
+    for (limb, rate) in arms.iter().enumerate().take(motion.limbs) {
+        let screw = motion.arm_screw(limb);
+        xi[arm(limb)] = (screw.linear * *rate, screw.angular * *rate);
     }
     xi[ROTOR].1 = Vector3::z() * rotor;
 }
 
-/// Twists of all bodies for given arm rates, rotor rate and platform twist; struts do not spin.
-pub(crate) fn spread(motion: &Motion, arms: &[f64; ARMS], rotor: f64, platform: &Twist) -> [Twist; BODIES] {
-    let mut xi = [STILL; BODIES];
+/// Twists of all bodies of three limbs for given arm rates, rotor rate and platform twist; struts do not spin.
+pub(crate) fn spread(motion: &Motion, arms: &[f64; MAX_LIMBS], rotor: f64, platform: &Twist) -> [Twist; SLOTS] {
+    let mut xi = [STILL; SLOTS];
     set_drives(&mut xi, motion, arms, rotor);
-    let (v, omega) = *platform;
-    for s in 0..STRUTS {
-        let body = &motion.bodies[STRUT + s];
-        let arm = ARM + s / 2;
-        let upper = xi[arm].0 + xi[arm].1.cross(&(body.position - motion.bodies[arm].position));
-        let lower = v + omega.cross(&platform_ball(motion, s));
-        let axis = &motion.strut_axis[s];
-        xi[STRUT + s] = (upper, axis.cross(&(lower - upper)) / motion.strut_length[s]);
-    }
     xi[PLATFORM] = *platform;
-    xi[END_EFFECTOR..].copy_from_slice(&spread_chain(motion, rotor, platform));
+    spread_struts(motion, &mut xi);
+    for (k, twist) in spread_chain(motion, rotor, platform).into_iter().enumerate() {
+        xi[END_EFFECTOR + k] = twist;
+    }
     xi
 }
 
+/// Sets the twists of the struts from those of their ends; they do not spin.
+fn spread_struts(motion: &Motion, xi: &mut [Twist; SLOTS]) {
+    for s in 0..motion.struts() {
+        let (body, arm, carrier) = (&motion.bodies[strut(s)], arm(s / 2), motion.carrier[s]);
+        let upper = xi[arm].0 + xi[arm].1.cross(&(body.position - motion.bodies[arm].position));
+        let lower = xi[carrier].0 + xi[carrier].1.cross(&(motion.lower_ball(s) - motion.bodies[carrier].position));
+        let axis = &motion.strut_axis[s];
+        xi[strut(s)] = (upper, axis.cross(&(lower - upper)) / motion.strut_length[s]);
+    }
+}
+
+/// Number of bodies of the chain from the end effector to the lower part of the telescope.
+const CHAIN: usize = TELESCOPE_LOWER + 1 - END_EFFECTOR;
+
 /// Twists of end effector, rotor, upper and lower telescope part for a rotor rate and a platform twist.
-pub(crate) fn spread_chain(motion: &Motion, rotor: f64, platform: &Twist) -> [Twist; BODIES - END_EFFECTOR] {
+pub(crate) fn spread_chain(motion: &Motion, rotor: f64, platform: &Twist) -> [Twist; CHAIN] {
     let (v, omega) = *platform;
     let at_platform = |b: usize| v + omega.cross(&(motion.bodies[b].position - motion.bodies[PLATFORM].position));
     let lower_hooke = at_platform(TELESCOPE_LOWER);
@@ -151,7 +215,7 @@ pub(crate) fn spread_chain(motion: &Motion, rotor: f64, platform: &Twist) -> [Tw
     let telescope_omega = swing + telescope.axis * upper.spin(&(rotor_omega - swing), &telescope.axis);
     let pivot = motion.bodies[PLATFORM].rotation.column(2).into_owned();
     let relative = lower.spin(&(telescope_omega - omega), &pivot);
-    let mut xi = [STILL; BODIES - END_EFFECTOR];
+    let mut xi = [STILL; CHAIN];
     xi[0] = (at_platform(END_EFFECTOR), omega + pivot * relative);
     xi[ROTOR - END_EFFECTOR] = (Vector3::zeros(), rotor_omega);
     xi[TELESCOPE_UPPER - END_EFFECTOR] = (Vector3::zeros(), telescope_omega);

@@ -8,8 +8,8 @@ use super::{Plant, STILL, inertial_wrench};
 use crate::effects::{ActiveEffect, Instant, Wrenches};
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{KinematicsError, Motion, Reactions};
-use crate::machine::bodies::{BODIES, STRUT};
-use crate::machine::{AXES, STRUTS};
+use crate::machine::bodies::{SLOTS, STRUT};
+use crate::machine::{AXES, MAX_STRUTS, STRUTS};
 use crate::numerics::{Anderson, worst};
 use crate::recording::Channel;
 
@@ -17,7 +17,7 @@ use crate::recording::Channel;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Output {
     /// Torques at the gear outputs, N·m.
-    pub tau: [f64; 4],
+    pub tau: [f64; AXES],
     /// Axial strut forces, N; zero if they were not requested.
     pub reactions: Reactions,
 }
@@ -47,13 +47,13 @@ impl Output {
         let of = |first: usize| std::array::from_fn(|k| values[first + k]);
         Self {
             tau: std::array::from_fn(|k| values[k]),
-            reactions: Reactions { upper: of(AXES), lower: of(AXES + STRUTS) },
+            reactions: Reactions { upper: of(AXES), lower: of(AXES + MAX_STRUTS) },
         }
     }
 }
 
 /// Number of torques and forces on which laws may depend.
-const LOADS: usize = AXES + 2 * STRUTS;
+const LOADS: usize = AXES + 2 * MAX_STRUTS;
 
 /// Loads of drives and struts in equilibrium with the wrenches on all bodies.
 pub(crate) trait Borne {
@@ -84,11 +84,7 @@ pub fn inverse_dynamics(
 ) -> Result<Output, KinematicsError> {
     let with_struts = with_struts || plant.effects.iter().any(|a| a.effect.spec().reads.reactions);
     let reduction = Reduction::new(&plant.geometry, motion, plant.assembled, with_struts)?;
-    let output = |wrenches: &[Twist; BODIES]| {
-        let (tau, upper, lower) = reduction.balance(wrenches);
-        Output { tau, reactions: Reactions { upper, lower } }
-    };
-    borne(plant, t, motion, states, rigid_wrenches(plant, t, motion), output)
+    borne(plant, t, motion, states, loaded_wrenches(plant, t, motion), |wrenches| reduction.balance(wrenches))
 }
 
 /// [`inverse_dynamics`] at an instant without a past: the internal states are in equilibrium with the motion.
@@ -130,12 +126,11 @@ pub fn steady_socket_loads(plant: &Plant, t: f64, motion: &Motion) -> Result<Soc
     let own = plant.steady_states(t, motion);
     let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
     let reduction = Reduction::new(&plant.geometry, motion, plant.assembled, true)?;
-    let loads = |wrenches: &[Twist; BODIES]| {
-        let (tau, upper, lower) = reduction.balance(wrenches);
-        let reactions = Reactions { upper, lower };
-        SocketLoads { output: Output { tau, reactions }, sockets: ball_forces(motion, wrenches, &reactions) }
+    let loads = |wrenches: &[Twist; SLOTS]| {
+        let output = reduction.balance(wrenches);
+        SocketLoads { output, sockets: ball_forces(motion, wrenches, &output.reactions) }
     };
-    borne(plant, t, motion, &states, rigid_wrenches(plant, t, motion), loads)
+    borne(plant, t, motion, &states, loaded_wrenches(plant, t, motion), loads)
 }
 
 /// Forces of the balls on the struts (N, inertial axes) for the wrench (f, m) on each strut about its upper ball,
@@ -143,7 +138,7 @@ pub fn steady_socket_loads(plant: &Plant, t: f64, motion: &Motion) -> Result<Soc
 ///
 /// Newton and Euler for a strut of length ℓ along u: F_upper + F_lower + f = 0 and m + ℓ·u × F_lower = 0, thus across the
 /// strut F_lower = u × m/ℓ; along it F_upper·u = −T_upper and F_lower·u = T_lower. The moment about u is the spin's.
-fn ball_forces(motion: &Motion, wrenches: &[Twist; BODIES], axial: &Reactions) -> [Vector3<f64>; SOCKETS] {
+fn ball_forces(motion: &Motion, wrenches: &[Twist; SLOTS], axial: &Reactions) -> [Vector3<f64>; SOCKETS] {
     std::array::from_fn(|socket| {
         let s = socket % STRUTS;
         let ((force, moment), u) = (&wrenches[STRUT + s], motion.strut_axis[s]);
@@ -167,8 +162,8 @@ pub(crate) fn borne<T: Borne>(
     t: f64,
     motion: &Motion,
     states: &[&[f64]],
-    rigid: [Twist; BODIES],
-    solve: impl Fn(&[Twist; BODIES]) -> T,
+    rigid: [Twist; SLOTS],
+    solve: impl Fn(&[Twist; SLOTS]) -> T,
 ) -> Result<T, KinematicsError> {
     let mut fixed = rigid;
     add_effects(plant, t, motion, states, None, &mut fixed)?;
@@ -190,15 +185,29 @@ pub(crate) fn borne<T: Borne>(
     Ok(loads)
 }
 
-/// Weight and known loads minus inertial wrench of every body about its origin, inertial axes.
-pub(crate) fn rigid_wrenches(plant: &Plant, t: f64, motion: &Motion) -> [Twist; BODIES] {
+/// Drive torques and strut forces in balance with wrenches on all bodies, applied minus inertial.
+///
+/// # Errors
+/// [`KinematicsError::Singular`] if the pose is singular.
+pub(crate) fn balance(plant: &Plant, motion: &Motion, wrenches: &[Twist; SLOTS]) -> Result<Output, KinematicsError> {
+    Ok(Reduction::new(&plant.geometry, motion, plant.assembled, true)?.balance(wrenches))
+}
+
+/// [`rigid_wrenches`] with the known loads.
+pub(crate) fn loaded_wrenches(plant: &Plant, t: f64, motion: &Motion) -> [Twist; SLOTS] {
+    let mut wrenches = rigid_wrenches(plant, motion);
+    plant.add_loads(t, motion, &mut wrenches);
+    wrenches
+}
+
+/// Weight minus inertial wrench of every body about its origin, inertial axes.
+pub(crate) fn rigid_wrenches(plant: &Plant, motion: &Motion) -> [Twist; SLOTS] {
     let gravity = plant.gravity_vector();
-    let mut wrenches = [STILL; BODIES];
-    for (body, wrench) in wrenches.iter_mut().enumerate() {
+    let mut wrenches = [STILL; SLOTS];
+    for (body, wrench) in wrenches.iter_mut().enumerate().take(motion.slots()) {
         let (force, moment) = inertial_wrench(&plant.bodies[body], &motion.bodies[body], &gravity);
         *wrench = (-force, -moment);
     }
-    plant.add_loads(t, motion, &mut wrenches);
     wrenches
 }
 
@@ -218,7 +227,7 @@ pub(crate) fn add_effects(
     motion: &Motion,
     states: &[&[f64]],
     loads: Option<&Output>,
-    sum: &mut [Twist; BODIES],
+    sum: &mut [Twist; SLOTS],
 ) -> Result<(), KinematicsError> {
     let none = Output::default();
     for (active, state) in plant.effects.iter().zip(states).filter(|(a, _)| reads_loads(a) == loads.is_some()) {

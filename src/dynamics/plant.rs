@@ -9,9 +9,9 @@ use super::channels::Twist;
 use crate::effects::rigid_bodies::RigidBodies;
 use crate::effects::{ActiveEffect, Host, Instant, Kind};
 use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
-use crate::machine::bodies::{ARM, BODIES, Bodies, END_EFFECTOR, PLATFORM, ROTOR};
+use crate::machine::bodies::{ARM, Bodies, END_EFFECTOR, PLATFORM, ROTOR, SLOTS};
 use crate::machine::{
-    AXES, Configuration, Geometry, Inertia, LinkParameters, Load, Mechanism, Part, Payload, STRUTS, Setup, Stops,
+    AXES, Configuration, Geometry, Inertia, LinkParameters, Load, Mechanism, Part, Payload, Setup, Stops,
 };
 use crate::model::Model;
 use crate::recording::{Loads, Recording};
@@ -97,7 +97,7 @@ impl Plant {
         let (carrier, inertia) = self.carrier(END_EFFECTOR, bodies[END_EFFECTOR]);
         bodies[END_EFFECTOR] = Inertia::ZERO;
         bodies[carrier] += inertia;
-        if matches!(self.mechanism, Mechanism::Delta { telescope: false, .. }) {
+        if self.mechanism.is_delta() && !self.mechanism.has_telescope() {
             // Placeholder for motor 4, which never moves here; keeps the mass matrix regular.
             bodies[ROTOR] = Inertia::diagonal(0.0, [0.0; 3], [1.0; 3]);
         }
@@ -129,7 +129,7 @@ impl Plant {
 
     /// Adds the wrench of the known loads at time `t`, −L on a single axis, a measured force on a robot's flange; returns
     /// its power, W.
-    pub(crate) fn add_loads(&self, t: f64, motion: &Motion, wrenches: &mut [Twist; BODIES]) -> f64 {
+    pub(crate) fn add_loads(&self, t: f64, motion: &Motion, wrenches: &mut [Twist; SLOTS]) -> f64 {
         if let Some(load) = self.known_load(t) {
             let (body, screw) = motion.drive(0);
             screw.push(&mut wrenches[body], -load);
@@ -145,13 +145,24 @@ impl Plant {
         }
     }
 
-    /// The body that carries an inertia: without a telescope the end effector is part of the platform.
+    /// The body that carries an inertia: without a telescope, and where the plate does not turn it, the end effector is part of
+    /// the platform.
     pub(crate) fn carrier(&self, body: usize, inertia: Inertia) -> (usize, Inertia) {
-        if body == END_EFFECTOR && !self.mechanism.has_telescope() {
+        if body == END_EFFECTOR && !self.mechanism.has_telescope() && !self.mechanism.plate_turns() {
             (PLATFORM, inertia.seen_from(&Vector3::new(0.0, 0.0, self.geometry.flange_height)))
         } else {
             (body, inertia)
         }
+    }
+
+    /// All ball sockets.
+    pub fn sockets(&self) -> SocketSet {
+        SocketSet::of(self.mechanism.struts())
+    }
+
+    /// Whether it is an assembled robot with three limbs and one platform.
+    pub fn is_closed_delta(&self) -> bool {
+        self.assembled && self.mechanism.is_delta()
     }
 
     /// Whether the machine has `part`, mounted.
@@ -186,7 +197,7 @@ impl Plant {
 
     /// The quantities that laws may depend on, without reactions and torques.
     pub(crate) fn instant<'a>(&'a self, t: f64, motion: &'a Motion, state: &'a [f64]) -> Instant<'a> {
-        static NONE: Reactions = Reactions { upper: [0.0; STRUTS], lower: [0.0; STRUTS] };
+        static NONE: Reactions = Reactions::ZERO;
         Instant {
             t,
             motion,
@@ -197,7 +208,7 @@ impl Plant {
             state,
             torque: [0.0; AXES],
             load: self.known_load(t),
-            closed: SocketSet::ALL,
+            closed: self.sockets(),
         }
     }
 

@@ -6,16 +6,18 @@
 
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
-use super::channels::{Twist, gap_inverse, platform_ball};
-use crate::kinematics::{KinematicsError, Motion};
-use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{ARMS, Geometry, STRUTS};
+use super::Output;
+use super::channels::{Twist, gap_inverse};
+use super::plate::PlateMotions;
+use crate::kinematics::{KinematicsError, Motion, Reactions};
+use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, strut};
+use crate::machine::{AXES, Geometry, MAX_LIMBS};
 
 /// Generalised forces of arms, rotor of axis 4 and platform.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Reduced {
     /// Moments about the motor axes, N·m, or forces along the guides, N.
-    arms: [f64; ARMS],
+    arms: [f64; MAX_LIMBS],
     /// Moment about z, N·m.
     rotor: f64,
     /// Force on the platform, inertial axes, N.
@@ -27,11 +29,23 @@ struct Reduced {
 /// Equilibrium of wrenches with drive torques and strut forces at one pose.
 pub(super) struct Reduction<'a> {
     motion: &'a Motion,
-    assembled: bool,
-    /// Platform velocity per arm rate, m/rad.
-    jacobian: Matrix3<f64>,
-    /// Platform twists per unit gap at each strut; `None` if strut forces are not requested.
-    gaps: Option<Matrix6<f64>>,
+    carried: Carried,
+}
+
+/// What the arms carry.
+#[expect(clippy::large_enum_variant, reason = "made and used at one instant, without an allocation for three limbs")]
+enum Carried {
+    /// Nothing: a disassembled machine.
+    Nothing,
+    /// The platform of three limbs.
+    Platform {
+        /// Platform velocity per arm rate, m/rad.
+        jacobian: Matrix3<f64>,
+        /// Platform twists per unit gap at each strut; `None` if strut forces are not requested.
+        gaps: Option<Matrix6<f64>>,
+    },
+    /// Any plate.
+    Plate(Box<PlateMotions>),
 }
 
 impl<'a> Reduction<'a> {
@@ -41,62 +55,124 @@ impl<'a> Reduction<'a> {
         assembled: bool,
         with_struts: bool,
     ) -> Result<Self, KinematicsError> {
-        let jacobian =
-            if assembled { geometry.jacobian(&motion.q, &motion.bodies[PLATFORM].position)? } else { Matrix3::zeros() };
-        let singular = KinematicsError::Singular { q: [motion.q[0], motion.q[1], motion.q[2]] };
-        let gaps = if assembled && with_struts { Some(gap_inverse(motion).ok_or(singular)?) } else { None };
-        Ok(Self { motion, assembled, jacobian, gaps })
+        let carried = if !assembled {
+            Carried::Nothing
+        } else if geometry.has_platform_of_three() {
+            let jacobian = geometry.jacobian(&motion.q, &motion.bodies[PLATFORM].position)?;
+            Carried::Platform { jacobian, gaps: if with_struts { Some(gap_inverse(motion)?) } else { None } }
+        } else {
+            Carried::Plate(Box::new(PlateMotions::new(geometry, motion)?))
+        };
+        Ok(Self { motion, carried })
     }
 
     /// Drive torques (N·m) and axial strut forces (N) at elbow and platform that balance `wrenches`; forces not
     /// requested are zero.
-    pub(super) fn balance(&self, wrenches: &[Twist; BODIES]) -> ([f64; ARMS + 1], [f64; STRUTS], [f64; STRUTS]) {
-        let sum = self.reduce(wrenches);
-        let through = self.jacobian.tr_mul(&sum.force);
-        let torque =
-            [-(sum.arms[0] + through[0]), -(sum.arms[1] + through[1]), -(sum.arms[2] + through[2]), -sum.rotor];
-        let (mut upper, mut lower) = ([0.0; STRUTS], [0.0; STRUTS]);
-        if let Some(gaps) = &self.gaps {
-            let platform =
-                Vector6::new(sum.force.x, sum.force.y, sum.force.z, sum.moment.x, sum.moment.y, sum.moment.z);
-            let axial = gaps.tr_mul(&platform);
-            for s in 0..STRUTS {
-                lower[s] = axial[s];
-                // A gap at the elbow moves the strut together with the platform.
-                upper[s] = axial[s] + wrenches[STRUT + s].0.dot(&self.motion.strut_axis[s]);
-            }
+    pub(super) fn balance(&self, wrenches: &[Twist; SLOTS]) -> Output {
+        match &self.carried {
+            Carried::Plate(plate) => self.balance_plate(plate, wrenches),
+            Carried::Nothing => self.of_platform(wrenches, None),
+            Carried::Platform { jacobian, gaps } => self.of_platform(wrenches, Some((jacobian, gaps.as_ref()))),
         }
-        (torque, upper, lower)
     }
 
-    fn reduce(&self, wrenches: &[Twist; BODIES]) -> Reduced {
+    fn of_platform(
+        &self,
+        wrenches: &[Twist; SLOTS],
+        platform: Option<(&Matrix3<f64>, Option<&Matrix6<f64>>)>,
+    ) -> Output {
+        let sum = self.reduce(wrenches, platform.is_some());
+        let mut tau = [0.0; AXES];
+        let through = platform.map_or(Vector3::zeros(), |(jacobian, _)| jacobian.tr_mul(&sum.force));
+        for (i, tau) in tau.iter_mut().enumerate().take(self.motion.limbs) {
+            *tau = -(sum.arms[i] + through.get(i).copied().unwrap_or(0.0));
+        }
+        if self.motion.limbs < AXES {
+            tau[AXES - 1] = -sum.rotor;
+        }
+        let mut reactions = Reactions::ZERO;
+        if let Some((_, Some(gaps))) = platform {
+            let load = Vector6::new(sum.force.x, sum.force.y, sum.force.z, sum.moment.x, sum.moment.y, sum.moment.z);
+            reactions = self.at_both_ends(wrenches, gaps.tr_mul(&load).as_slice());
+        }
+        Output { tau, reactions }
+    }
+
+    /// Axial forces at both ends: a gap at the elbow moves the strut together with the platform.
+    fn at_both_ends(&self, wrenches: &[Twist; SLOTS], axial: &[f64]) -> Reactions {
+        let mut out = Reactions::ZERO;
+        for s in 0..self.motion.struts() {
+            out.lower[s] = axial[s];
+            out.upper[s] = axial[s] + wrenches[strut(s)].0.dot(&self.motion.strut_axis[s]);
+        }
+        out
+    }
+
+    fn balance_plate(&self, plate: &PlateMotions, wrenches: &[Twist; SLOTS]) -> Output {
         let motion = self.motion;
-        let mut sum = Reduced { rotor: wrenches[ROTOR].1.z, ..Reduced::default() };
-        for (i, arm) in sum.arms.iter_mut().enumerate() {
-            let (body, screw) = motion.drive(i);
-            *arm = screw.effort(&wrenches[body]);
+        let mut on_parts = *wrenches;
+        let mut arms = self.on_arms(wrenches);
+        self.hand_on(wrenches, &mut arms, |s, pair| {
+            let (carrier, ball) = (motion.carrier[s], motion.lower_ball(s));
+            on_parts[carrier].0 += pair;
+            on_parts[carrier].1 += (ball - motion.bodies[carrier].position).cross(&pair);
+        });
+        let axial = plate.balance(&on_parts, &arms);
+        let mut tau = [0.0; AXES];
+        for (i, tau) in tau.iter_mut().enumerate().take(motion.driven) {
+            let [a, b] = [2 * i, 2 * i + 1];
+            *tau = -(arms[i] + plate.lever[a] * axial[a] + plate.lever[b] * axial[b]);
         }
-        if !self.assembled {
-            return sum;
+        Output { tau, reactions: self.at_both_ends(wrenches, axial.as_slice()) }
+    }
+
+    fn on_arms(&self, wrenches: &[Twist; SLOTS]) -> [f64; MAX_LIMBS] {
+        let mut arms = [0.0; MAX_LIMBS];
+        for (limb, effort) in arms.iter_mut().enumerate().take(self.motion.limbs) {
+            *effort = self.motion.arm_screw(limb).effort(&wrenches[arm(limb)]);
         }
-        (sum.force, sum.moment) = wrenches[PLATFORM];
-        for s in 0..STRUTS {
-            let (force, moment) = &wrenches[STRUT + s];
-            let (strut, arm) = (&motion.bodies[STRUT + s], s / 2);
+        arms
+    }
+
+    /// Adds the loads on the struts to the `arms` and hands the forces on their lower balls to `below`.
+    fn hand_on(
+        &self,
+        wrenches: &[Twist; SLOTS],
+        arms: &mut [f64; MAX_LIMBS],
+        mut below: impl FnMut(usize, Vector3<f64>),
+    ) {
+        let motion = self.motion;
+        for s in 0..motion.struts() {
+            let (force, moment) = &wrenches[strut(s)];
+            let limb = s / 2;
             // ω = u × (v_lower − v_upper)/ℓ: a moment is equivalent to a pair of forces at the ends.
             let pair = moment.cross(&motion.strut_axis[s]) / motion.strut_length[s];
-            let lever = strut.position - motion.bodies[ARM + arm].position;
+            let lever = motion.bodies[strut(s)].position - motion.bodies[arm(limb)].position;
             let upper = force - pair;
-            sum.arms[arm] += motion.drive(arm).1.effort(&(upper, lever.cross(&upper)));
-            sum.force += pair;
-            sum.moment += platform_ball(motion, s).cross(&pair);
+            arms[limb] += motion.arm_screw(limb).effort(&(upper, lever.cross(&upper)));
+            below(s, pair);
         }
+    }
+
+    fn reduce(&self, wrenches: &[Twist; SLOTS], assembled: bool) -> Reduced {
+        let motion = self.motion;
+        let mut sum = Reduced { arms: self.on_arms(wrenches), rotor: wrenches[ROTOR].1.z, ..Reduced::default() };
+        if !assembled {
+            return sum;
+        }
+        let (mut force, mut moment) = wrenches[PLATFORM];
+        let origin = motion.bodies[PLATFORM].position;
+        self.hand_on(wrenches, &mut sum.arms, |s, pair| {
+            force += pair;
+            moment += (motion.lower_ball(s) - origin).cross(&pair);
+        });
+        (sum.force, sum.moment) = (force, moment);
         self.reduce_chain(wrenches, &mut sum);
         sum
     }
 
     /// Adds the wrenches of end effector, rotor and both telescope parts.
-    fn reduce_chain(&self, wrenches: &[Twist; BODIES], sum: &mut Reduced) {
+    fn reduce_chain(&self, wrenches: &[Twist; SLOTS], sum: &mut Reduced) {
         let motion = self.motion;
         let telescope = &motion.telescope;
         let [upper, lower] = motion.hooke_joints();
@@ -124,6 +200,7 @@ mod tests {
     use crate::dynamics::channels::ChannelMap;
     use crate::dynamics::{Plant, STILL};
     use crate::kinematics::JointState;
+    use crate::machine::STRUTS;
     use crate::model::testing::irb360;
     use crate::recording::Channel;
 
@@ -134,7 +211,7 @@ mod tests {
         let plant = Plant::new(&model, &Default::default());
         let joints = JointState { q: [0.3, 0.5, 0.1, 0.7], qd: [1.0, -2.0, 0.5, 3.0], qdd: [5.0, 3.0, -4.0, 9.0] };
         let motion = plant.motion(&joints).unwrap();
-        let mut wrenches = [STILL; BODIES];
+        let mut wrenches = [STILL; SLOTS];
         for (b, (f, m)) in wrenches.iter_mut().enumerate() {
             let wave = |k: usize| (1.7 * (6 * b + k) as f64 + 0.3).sin();
             (*f, *m) = (Vector3::new(wave(0), wave(1), wave(2)), Vector3::new(wave(3), wave(4), wave(5)));
@@ -147,13 +224,39 @@ mod tests {
         for assembled in [true, false] {
             let count = if assembled { channels.len() } else { 4 };
             let map = ChannelMap::new(&plant.geometry, &motion, assembled, &channels[..count]).unwrap();
-            let (torque, upper, lower) =
-                Reduction::new(&plant.geometry, &motion, assembled, true).unwrap().balance(&wrenches);
-            let values: Vec<f64> = torque.into_iter().chain(upper).chain(lower).collect();
+            let out = Reduction::new(&plant.geometry, &motion, assembled, true).unwrap().balance(&wrenches);
+            let values: Vec<f64> = channels.iter().map(|c| out.of(*c)).collect();
             for (c, value) in values.iter().enumerate().take(count) {
                 let work: f64 = wrenches.iter().enumerate().map(|(b, (f, m))| map.project(c, b, f, m)).sum();
                 approx::assert_relative_eq!(*value, work, epsilon = 1e-12);
             }
+        }
+    }
+
+    /// The general solution for plates against the two inverses of three limbs.
+    #[test]
+    fn any_plate_includes_the_platform_of_three_limbs() {
+        let plant = Plant::new(&irb360(), &Default::default());
+        let joints = JointState { q: [0.3, 0.5, 0.1, 0.7], ..JointState::default() };
+        let motion = plant.motion(&joints).unwrap();
+        let plate = PlateMotions::new(&plant.geometry, &motion).unwrap();
+        let (jacobian, gaps) = (
+            plant.geometry.jacobian(&motion.q, &motion.bodies[PLATFORM].position).unwrap(),
+            gap_inverse(&motion).unwrap(),
+        );
+        for s in 0..STRUTS {
+            let found = plate.gap(s);
+            approx::assert_relative_eq!(
+                found.fixed_rows::<6>(0).into_owned(),
+                gaps.column(s).into_owned(),
+                epsilon = 1e-11
+            );
+        }
+        for limb in 0..3 {
+            let found = plate.driven(limb);
+            let expected = jacobian.column(limb).into_owned();
+            approx::assert_relative_eq!(found.fixed_rows::<3>(0).into_owned(), expected, epsilon = 1e-12);
+            assert!(found.fixed_rows::<3>(3).norm() < 1e-12);
         }
     }
 }

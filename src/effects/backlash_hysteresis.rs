@@ -1,7 +1,6 @@
 //! Pre-sliding hysteresis of the arm drives: lost motion at reversals.
 
 use super::{About, Count, Effect, Instant, InternalStates, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
-use crate::machine::ARMS;
 
 /// Dahl's law ([Dahl 1968]): τ_i = −T_i·z_i with internal state ż_i = (q̇_i − |q̇_i|·z_i)/δ, z_i(0) = 0.
 ///
@@ -53,13 +52,13 @@ impl Effect for BacklashHysteresis {
 }
 
 impl InternalStates for BacklashHysteresis {
-    fn initial_state(&self, _values: &Values) -> Vec<f64> {
-        vec![0.0; ARMS]
+    fn initial_state(&self, values: &Values) -> Vec<f64> {
+        vec![0.0; values.block(MOMENT).len()]
     }
 
     fn state_rate(&self, values: &Values, at: &Instant, rate: &mut [f64], slope: &mut [f64]) {
         let angle = values.one(ANGLE);
-        for i in 0..ARMS {
+        for i in 0..rate.len() {
             let qd = at.motion.qd[i];
             rate[i] = (qd - qd.abs() * at.state[i]) / angle;
             slope[i] = -qd.abs() / angle;

@@ -3,7 +3,6 @@
 use super::{
     About, Effect, Instant, MachineView, Parameter, Part, Reads, Role, Spec, Unit, Values, Wrenches, unit_direction,
 };
-use crate::machine::STRUTS;
 
 /// Moment −μ·r·|F|·tanh(|ω|/ε)·ω/|ω| (N·m) on the strut at each socket, with F (N) the axial strut force at that end.
 pub struct BallSocketLoadDependent;
@@ -48,8 +47,9 @@ impl Effect for BallSocketLoadDependent {
     fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let (radius, epsilon) = (values.one(RADIUS), values.one(REGULARISATION));
         for socket in at.closed.iter() {
-            let strut = socket % STRUTS;
-            let force = if socket < STRUTS { at.reactions.upper[strut] } else { at.reactions.lower[strut] };
+            let struts = at.motion.struts();
+            let strut = socket % struts;
+            let force = if socket < struts { at.reactions.upper[strut] } else { at.reactions.lower[strut] };
             let rate = at.motion.socket_rate(socket);
             let direction = unit_direction(&rate, epsilon);
             out.socket_moment(values.index(FRICTION, 0), socket, &rate, direction * (-radius * force.abs()));

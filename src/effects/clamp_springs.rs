@@ -48,7 +48,7 @@ const PARAMETERS: &[Parameter] = &[
 
 static SPEC: Spec = Spec::new(
     "clamp_springs",
-    Part::Linkage,
+    Part::FreeStruts,
     About {
         summary: "springs between the struts of a pair, which clamp the sockets and restrain the struts' spin",
         law: "F = ½·(P + k·(d − d₀)) along each of two springs per end of a pair",
@@ -155,7 +155,7 @@ mod tests {
         // the lower one, and the moment of the 10 mm about the strut: 0.01·ŷ × 200·ẑ = 2 N·m about x.
         let mut motion = testing::still();
         motion.strut_axis[0] = Vector3::x();
-        let mut total = [(Vector3::zeros(), Vector3::zeros()); crate::machine::bodies::BODIES];
+        let mut total = [(Vector3::zeros(), Vector3::zeros()); crate::machine::bodies::SLOTS];
         let mut out = Wrenches::sum(&[1.0], &motion, &mut total);
         let (anchor, force) = (Vector3::new(0.03, 0.01, 0.0), Vector3::new(0.0, 0.0, 200.0));
         prestress(0, 0, &anchor, &force, &motion, &mut out);

@@ -115,7 +115,7 @@ impl Place {
 
     fn part(self) -> Part {
         match self {
-            Self::Drive(i) if i + 1 == AXES => Part::Axis4,
+            Self::Drive(i) if i + 1 == AXES => Part::FourthDrive,
             Self::Drive(_) => Part::Drives,
             Self::Platform(_) => Part::Linkage,
             Self::Telescope => Part::Telescope,
@@ -173,7 +173,8 @@ fn part(terms: &[Term]) -> Part {
     let places = terms.iter().map(|term| term.at.part());
     let read = terms.iter().flat_map(|term| term.law.variables()).map(Variable::part);
     // From the part that every machine has to those that few have.
-    let rank = |part: &Part| [Part::Drives, Part::Axis4, Part::Weight, Part::Linkage].iter().position(|p| p == part);
+    let rank =
+        |part: &Part| [Part::Drives, Part::FourthDrive, Part::Weight, Part::Linkage].iter().position(|p| p == part);
     places.chain(read).max_by_key(|part| rank(part).unwrap_or(usize::MAX)).unwrap_or(Part::Drives)
 }
 
@@ -275,9 +276,9 @@ mod tests {
             ("drive1", "qd2 + t", Part::Drives),
             ("drive1", "z", Part::Linkage),
             ("drive1", "strut3_lower", Part::Linkage),
-            ("drive4", "qd4", Part::Axis4),
+            ("drive4", "qd4", Part::FourthDrive),
             ("drive1", "tau1", Part::Drives),
-            ("drive1", "tau4", Part::Axis4),
+            ("drive1", "tau4", Part::FourthDrive),
             ("platform_x", "1", Part::Linkage),
             ("drive4", "s", Part::Telescope),
         ] {

@@ -1,9 +1,9 @@
 //! Mass differences between the struts and between the arms.
 
 use super::{About, Count, Effect, Kind, MachineView, Parameter, Part, Role, Spec, Unit, Values};
+use crate::machine::Inertia;
 use crate::machine::Payload;
-use crate::machine::bodies::{ARM, STRUT};
-use crate::machine::{ARMS, Inertia, STRUTS};
+use crate::machine::bodies::{arm, strut};
 
 /// Additional mass Δm of single struts and arms, uniform along them: m·c_x = Δm·l/2, Θ_yy = Θ_zz = Δm·l²/3.
 ///
@@ -20,8 +20,7 @@ const fn length(name: &'static str, default: f64) -> Parameter {
 }
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter::new("strut", Unit::Kg, Role::Linear, 0.1, (-0.1, 10.0))
-        .counted(Count::Named(&["1", "2", "3", "4", "5", "6"])),
+    Parameter::new("strut", Unit::Kg, Role::Linear, 0.1, (-0.1, 10.0)).counted(Count::PerStrut),
     Parameter::new("arm", Unit::Kg, Role::Linear, 0.1, (-0.5, 10.0)).counted(Count::PerArm),
     length("strut_length", 1.106),
     length("arm_length", 0.5),
@@ -49,8 +48,8 @@ static SPEC: Spec = Spec::new(
 
 fn constant(parameter: &str, model: &MachineView) -> Option<f64> {
     match parameter {
-        "strut_length" => Some(model.geometry.strut_length[0]),
-        "arm_length" => Some(model.geometry.arm_length),
+        "strut_length" => Some(model.geometry.limbs[0].strut_length),
+        "arm_length" => Some(model.geometry.limbs[0].arm_length),
         _ => None,
     }
 }
@@ -61,11 +60,11 @@ impl Effect for LimbAsymmetry {
     }
 
     fn inertia(&self, values: &Values, _payload: &Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
-        for strut in 0..STRUTS {
-            out(values.index(STRUT_MASS, strut), STRUT + strut, rod(values.one(STRUT_LENGTH)));
+        for s in 0..values.block(STRUT_MASS).len() {
+            out(values.index(STRUT_MASS, s), strut(s), rod(values.one(STRUT_LENGTH)));
         }
-        for arm in 0..ARMS {
-            out(values.index(ARM_MASS, arm), ARM + arm, rod(values.one(ARM_LENGTH)));
+        for limb in 0..values.block(ARM_MASS).len() {
+            out(values.index(ARM_MASS, limb), arm(limb), rod(values.one(ARM_LENGTH)));
         }
     }
 }
@@ -86,7 +85,7 @@ mod tests {
         let mut sum = Inertia::ZERO;
         LimbAsymmetry.inertia(&active.values(), &Payload::default(), &mut |k, body, unit| {
             if active.values[k] != 0.0 {
-                assert_eq!(body, STRUT + 3);
+                assert_eq!(body, strut(3));
                 sum += unit * active.values[k];
             }
         });

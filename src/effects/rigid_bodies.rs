@@ -13,7 +13,7 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::{Arc, LazyLock};
 
-use self::tables::{Robot, table};
+use self::tables::{Robot, relative, table};
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
 use crate::machine::Payload;
 use crate::machine::bodies::{ARM, Bodies, Inertia, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
@@ -26,7 +26,7 @@ pub const NAME: &str = "rigid_bodies";
 pub struct RigidBodies {
     spec: Spec,
     /// Bodies and unit inertia of each parameter value.
-    units: Cow<'static, [(Range<usize>, UnitInertia)]>,
+    units: Vec<(Vec<usize>, UnitInertia)>,
 }
 
 const fn one(name: &'static str, unit: Unit, default: f64) -> Parameter {
@@ -123,7 +123,7 @@ static MACHINES: LazyLock<[Arc<RigidBodies>; 5]> = LazyLock::new(|| {
     const LONE: &[(Range<usize>, UnitInertia)] = &[(body(ARM), UnitInertia::Lone)];
     let carriages = RigidBodies::new(
         Cow::Owned(vec![CARRIAGE.counted(Count::PerArm)]),
-        Cow::Owned((0..3).map(|i| (body(ARM + i), UnitInertia::Mass)).collect()),
+        (0..3).map(|i| (vec![ARM + i], UnitInertia::Mass)).collect(),
     );
     let [arms_and_rotor, arms, turntable, slide] = [
         (PER_ARM, &UNITS_PER_ARM[..]),
@@ -131,7 +131,10 @@ static MACHINES: LazyLock<[Arc<RigidBodies>; 5]> = LazyLock::new(|| {
         (TURNTABLE, LONE),
         (SLIDE, LONE),
     ]
-    .map(|(parameters, units)| RigidBodies::new(Cow::Borrowed(parameters), Cow::Borrowed(units)));
+    .map(|(parameters, units)| {
+        let units = units.iter().map(|(bodies, unit)| (bodies.clone().collect(), *unit));
+        RigidBodies::new(Cow::Borrowed(parameters), units.collect())
+    });
     [arms_and_rotor, arms, carriages, turntable, slide].map(Arc::new)
 });
 
@@ -143,7 +146,7 @@ const ABOUT: About = About {
 };
 
 impl RigidBodies {
-    fn new(parameters: Cow<'static, [Parameter]>, units: Cow<'static, [(Range<usize>, UnitInertia)]>) -> Self {
+    fn new(parameters: Cow<'static, [Parameter]>, units: Vec<(Vec<usize>, UnitInertia)>) -> Self {
         let mut spec = Spec::new(NAME, Part::Drives, ABOUT, &[]).kind(Kind::Inertia);
         spec.parameters = parameters;
         Self { spec, units }
@@ -158,6 +161,7 @@ impl RigidBodies {
     pub fn with(machine: Mechanism, assembled: bool, links: LinkParameters) -> Arc<Self> {
         let [arms_and_rotor, arms, carriages, turntable, slide] = &*MACHINES;
         Arc::clone(match (machine, assembled) {
+            (Mechanism::Delta { .. }, _) if !machine.is_delta() => return relative(machine, assembled, links),
             (Mechanism::Delta { arms: Joint::Prismatic, .. }, true) => return table(Robot::Carriages, links),
             (Mechanism::Delta { telescope: true, .. }, true) => return table(Robot::ArmsAndTelescope, links),
             (Mechanism::Delta { telescope: false, .. }, true) => return table(Robot::Arms, links),
@@ -179,14 +183,14 @@ impl RigidBodies {
 
     /// Parameter values of the bodies; that of the first body where several share a parameter.
     pub fn values(&self, bodies: &Bodies) -> Vec<f64> {
-        self.units.iter().map(|(b, unit)| unit.value(&bodies[b.start])).collect()
+        self.units.iter().map(|(b, unit)| unit.value(&bodies[b[0]])).collect()
     }
 
     /// Writes parameter values into the bodies; bodies that share a parameter keep their differences.
     pub fn set_values(&self, bodies: &mut Bodies, values: &[f64]) {
-        for ((range, unit), &value) in self.units.iter().zip(values) {
-            let first = unit.value(&bodies[range.start]);
-            for b in range.clone() {
+        for ((own, unit), &value) in self.units.iter().zip(values) {
+            let first = unit.value(&bodies[own[0]]);
+            for &b in own {
                 let difference = unit.value(&bodies[b]) - first;
                 unit.set(&mut bodies[b], value + difference);
             }
@@ -201,7 +205,7 @@ impl Effect for RigidBodies {
 
     fn inertia(&self, _values: &Values, _payload: &Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
         for (k, (bodies, unit)) in self.units.iter().enumerate() {
-            for b in bodies.clone() {
+            for &b in bodies {
                 out(k, b, unit.inertia());
             }
         }

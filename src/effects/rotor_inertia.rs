@@ -1,9 +1,8 @@
 //! Difference of the rotor inertia of the arm drives from the stated one.
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
-use crate::machine::Inertia;
-use crate::machine::Payload;
-use crate::machine::bodies::ARM;
+use crate::machine::bodies::arm;
+use crate::machine::{Inertia, Payload};
 
 /// Additional inertia ΔJ of each arm drive at its gear output: τ_i grows by ΔJ_i·q̈_i.
 ///
@@ -35,8 +34,8 @@ impl Effect for RotorInertia {
     }
 
     fn inertia(&self, values: &Values, _payload: &Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
-        for arm in 0..values.len(0) {
-            out(values.index(0, arm), ARM + arm, Inertia::diagonal(0.0, [0.0; 3], [0.5, 1.0, 0.5]));
+        for limb in 0..values.len(0) {
+            out(values.index(0, limb), arm(limb), Inertia::diagonal(0.0, [0.0; 3], [0.5, 1.0, 0.5]));
         }
     }
 }

@@ -34,7 +34,7 @@ const PARAMETERS: &[Parameter] = &[
 
 static SPEC: Spec = Spec::new(
     "strut_elasticity",
-    Part::Linkage,
+    Part::FreeStruts,
     About {
         summary: "axial compliance of the struts with their sockets (twin only)",
         law: "T = Δl/c + d·dΔl/dt in each strut, tension positive",

@@ -28,8 +28,8 @@ impl Effect for StrutLengthError {
     }
 
     fn geometry(&self, values: &Values, geometry: &mut Geometry) {
-        for (length, error) in geometry.strut_length.iter_mut().zip(values.block(0)) {
-            *length += error;
+        for (limb, error) in geometry.limbs.iter_mut().zip(values.block(0)) {
+            limb.strut_length += error;
         }
     }
 }

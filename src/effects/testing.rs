@@ -4,29 +4,25 @@ use nalgebra::Vector3;
 
 use super::interface::default_values;
 use super::{Effect, Host, Instant, Layout, Values, Wrenches};
-use crate::kinematics::{BodyMotion, Motion, Reactions, SocketSet, Telescope};
-use crate::machine::bodies::BODIES;
-use crate::machine::{Bodies, Inertia, Payload, STRUTS};
+use crate::kinematics::{BodyMotion, JointState, Motion, Reactions, SocketSet, Telescope};
+use crate::machine::bodies::SLOTS;
+use crate::machine::{Bodies, Geometry, Inertia, Payload};
 
 /// A wrench written by a law: parameter, body, force, moment.
 pub(super) type Written = (usize, usize, Vector3<f64>, Vector3<f64>);
 
 /// All bodies at rest at the origin, struts and telescope along z.
 pub(crate) fn still() -> Motion {
-    Motion {
-        arms: crate::machine::Joint::Revolute,
-        q: [0.0; 4],
-        qd: [0.0; 4],
-        qdd: [0.0; 4],
-        bodies: [BodyMotion::REST; BODIES],
-        strut_axis: [Vector3::z(); STRUTS],
-        strut_length: [1.0; STRUTS],
-        telescope: Telescope { axis: Vector3::z(), length: 1.0, rate: 0.0 },
-    }
+    let mut motion = Motion::disassembled(&Geometry::single([0.0; 2]), &JointState::default());
+    motion.bodies.fill(BodyMotion::REST);
+    motion.strut_axis.fill(Vector3::z());
+    motion.strut_length.fill(1.0);
+    motion.telescope = Telescope { axis: Vector3::z(), length: 1.0, rate: 0.0 };
+    motion
 }
 
 pub(super) fn no_bodies() -> Bodies {
-    Bodies([Inertia::ZERO; BODIES])
+    Bodies([Inertia::ZERO; SLOTS])
 }
 
 /// The wrenches per unit of the parameters.
@@ -118,11 +114,7 @@ pub(super) fn drive_torque(effect: &dyn Effect, motion: &Motion, axis: usize) ->
 }
 
 /// Total force and moment on every body for given parameter values, without payload.
-pub(super) fn totals(
-    effect: &dyn Effect,
-    blocks: &[&[f64]],
-    motion: &Motion,
-) -> [(Vector3<f64>, Vector3<f64>); BODIES] {
+pub(super) fn totals(effect: &dyn Effect, blocks: &[&[f64]], motion: &Motion) -> [(Vector3<f64>, Vector3<f64>); SLOTS] {
     carrying(effect, blocks, motion, Payload::default())
 }
 
@@ -132,7 +124,7 @@ pub(super) fn carrying(
     blocks: &[&[f64]],
     motion: &Motion,
     payload: Payload,
-) -> [(Vector3<f64>, Vector3<f64>); BODIES] {
+) -> [(Vector3<f64>, Vector3<f64>); SLOTS] {
     let (values, layout) = (blocks.concat(), Layout::new(blocks.iter().map(|b| b.len())));
     let (bodies, reactions) = (no_bodies(), Reactions::default());
     let at = Instant {
@@ -147,7 +139,7 @@ pub(super) fn carrying(
         load: None,
         closed: SocketSet::ALL,
     };
-    let mut sum = [(Vector3::zeros(), Vector3::zeros()); BODIES];
+    let mut sum = [(Vector3::zeros(), Vector3::zeros()); SLOTS];
     effect.wrenches(
         &Values::new(&values, &layout),
         &at,

@@ -4,7 +4,6 @@ use super::{
     About, Count, Effect, Instant, InternalStates, MachineView, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit,
     Values, Wrenches, smooth_sign,
 };
-use crate::machine::ARMS;
 use crate::numerics::tanh;
 
 /// Friction torque τ = −x·(c_C·tanh(k q̇) + c_v·w(q̇)) at every drive with internal state ẋ = −x/T, x(0) = 1.
@@ -72,7 +71,7 @@ impl Effect for ThermalFrictionDrift {
         }
         for axis in 0..values.len(VISCOUS) {
             let rate = at.motion.qd[axis];
-            let saturating = if axis < ARMS { rate } else { saturation * tanh(rate / saturation) };
+            let saturating = if axis < at.motion.limbs { rate } else { saturation * tanh(rate / saturation) };
             out.drive_torque(values.index(VISCOUS, axis), axis, -cold * saturating);
         }
     }

@@ -129,9 +129,12 @@ pub struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// All experiments that the machine can perform.
+    /// All experiments that the machine can perform; none yet on relatives of the delta robot.
     pub fn catalogue(&self) -> Vec<Experiment> {
         let plant = Plant::new(self.model, &self.setup);
+        if plant.assembled && !plant.is_closed_delta() {
+            return Vec::new();
+        }
         let random = self.random();
         let mut all = Vec::new();
         let mut plan = |kind, what: String, course: &Course| all.extend(self.plan(kind, what, course));
@@ -318,7 +321,7 @@ impl Bench<'_> {
                 }
             }
         } else {
-            let [low, high] = plant.geometry.arm_limits;
+            let [low, high] = plant.geometry.arm_limits();
             for part in [0.5, 0.2, 0.35, 0.8, 0.65] {
                 for step in [-STEP, 0.0, STEP, 0.0] {
                     poses.push([low + (part + step) * (high - low); AXES]);
@@ -347,8 +350,8 @@ impl Bench<'_> {
     fn to_and_fro(&self, plant: &Plant, axis: usize, size: f64, speeds: Vec<f64>, share: f64) -> ConstantSpeed {
         let held = if plant.assembled { [0.0, 0.0, middle(plant), 0.0] } else { [0.0; AXES] };
         let centre = match plant.assembled && axis < ARMS {
-            true => plant.geometry.inverse(&Vector3::new(0.0, 0.0, held[2])).map_or(0.0, |q| q[axis]),
-            false if axis < ARMS => plant.geometry.arm_limits.iter().sum::<f64>() / 2.0,
+            true => plant.geometry.inverse(&Vector3::new(0.0, 0.0, held[2]), 0.0).map_or(0.0, |q| q[axis]),
+            false if axis < ARMS => plant.geometry.arm_limits().iter().sum::<f64>() / 2.0,
             false => 0.0,
         };
         let reach = size * if axis < ARMS { 0.5 } else { 1.5 };
@@ -425,7 +428,7 @@ fn room(plant: &Plant) -> Option<[f64; 2]> {
         (0..6).all(|k| {
             let (s, c) = (std::f64::consts::TAU * k as f64 / 6.0).sin_cos();
             let p = Vector3::new(radius * c, radius * s, z + up);
-            plant.geometry.inverse(&p).is_ok_and(|[a, b, c]| plant.geometry.check_limits(&[a, b, c, 0.0], &p).is_ok())
+            plant.geometry.inverse(&p, 0.0).is_ok_and(|q| plant.geometry.check_limits(&q, &p).is_ok())
         })
     };
     let farthest = |fits: &dyn Fn(f64) -> bool| (1..=200).map(|k| 0.01 * f64::from(k)).take_while(|x| fits(*x)).last();

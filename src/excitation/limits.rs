@@ -114,9 +114,9 @@ impl Limits {
         };
         let mut directions = Matrix3::zeros();
         for i in 0..ARMS {
-            let share = within(joints.q[i], geometry.arm_limits);
+            let share = within(joints.q[i], geometry.arm_limits());
             (out[ARM_HIGH + i], out[ARM_LOW + i]) = (share, -share);
-            let (strut, sine) = geometry.transmission(i, joints.q[i], &platform.position);
+            let (strut, sine) = geometry.transmission(i, joints.q[i], platform);
             out[SERIAL + i] = 1.0 + MIN_SERIAL - sine;
             directions.set_row(i, &strut.transpose());
         }

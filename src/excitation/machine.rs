@@ -173,7 +173,7 @@ impl Machine {
         });
         let limits = self.limits.values(&self.plant.geometry, platform, &joints, (&motion, &loads));
         if rows.iter().chain(&limits).any(|x| !x.is_finite()) {
-            return Err(KinematicsError::Singular { q: [joints.q[0], joints.q[1], joints.q[2]] });
+            return Err(KinematicsError::Singular { q: joints.q.into() });
         }
         Ok(Sample { rows, limits })
     }

@@ -9,7 +9,7 @@ use super::filtering::MIN_HALF_WIDTH;
 use crate::dynamics::Plant;
 use crate::evidence::noise::difference_sigma;
 use crate::kinematics::JointState;
-use crate::machine::{AXES, Configuration, Mechanism, Part, STRUTS, Setup};
+use crate::machine::{AXES, Configuration, Mechanism, Part, Setup};
 use crate::model::Model;
 use crate::recording::{Channel, Loads, Recording, Rows, Series, Signals, is_even};
 
@@ -458,7 +458,7 @@ fn runs(flags: &[bool], offset: usize) -> Vec<Range<usize>> {
 fn measured_channels(signals: &Signals, configuration: Configuration) -> Vec<Channel> {
     let mut channels = Channel::of_drives(signals.mechanism);
     if signals.mechanism.has(Part::Linkage, configuration == Configuration::Assembled) {
-        for s in 0..STRUTS {
+        for s in 0..signals.mechanism.struts() {
             channels.extend(
                 [Channel::StrutUpper(s), Channel::StrutLower(s)].into_iter().filter(|c| signals.get(*c).is_some()),
             );

@@ -10,7 +10,7 @@ use super::Fit;
 use super::fit::nominal_size;
 use crate::dynamics::{Plant, set_parameters};
 use crate::machine::Setup;
-use crate::machine::bodies::BODIES;
+use crate::machine::bodies::SLOTS;
 use crate::model::Model;
 
 /// Estimated parameters with their covariance, in natural units.
@@ -64,7 +64,7 @@ impl Uncertainty {
         }
         let mut drawn = model.clone();
         set_parameters(&mut drawn, &values);
-        for body in 0..BODIES {
+        for body in 0..SLOTS {
             let (here, there) = (model.bodies[body], drawn.bodies[body]);
             let floor = here.min_eigenvalue().min(0.0);
             let between = |share: f64| {
@@ -150,7 +150,7 @@ mod tests {
         uncertainty.covariance = DMatrix::from_diagonal(&(&sizes * 0.5).component_mul(&(&sizes * 0.5)));
         for number in 1..40 {
             let drawn = uncertainty.draw(&model, number).unwrap();
-            for body in 0..BODIES {
+            for body in 0..SLOTS {
                 let least = model.bodies[body].min_eigenvalue().min(0.0);
                 assert!(drawn.bodies[body].min_eigenvalue() >= least - 1e-15, "body {body} of machine {number}");
             }

@@ -3,12 +3,13 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::motion::BodyMotion;
-use crate::machine::{ARMS, Actuator, Geometry, Inertia};
+use crate::machine::{ARMS, Actuator, Geometry, Inertia, Limb};
 
 /// Frame and elbow of one arm at one position of its drive, inertial axes.
 ///
-/// The frame's y axis is the limb's tangential one. A revolute arm has x_A = cos φ·u − sin φ·z and the elbow e = R·u +
-/// l₁·x_A; a carriage has x_A along its guide, at the guide's inclination in place of φ, and e = R·u + (q + l₁)·x_A.
+/// The frame's y axis is the limb's tangential one. A revolute arm has x_A = cos φ·u − sin φ·z and the elbow e = s +
+/// l₁·x_A with s the shaft's middle; a carriage has x_A along its guide, at the guide's inclination in place of φ, and
+/// e = s + (q + l₁)·x_A.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Arm {
     /// Unit vector from the shaft to the elbow, or along the guide.
@@ -28,36 +29,36 @@ pub(crate) struct Arm {
 impl Arm {
     /// The arm of `limb` with its drive at `q` (rad or m).
     #[inline]
-    pub fn new(geometry: &Geometry, limb: usize, q: f64) -> Self {
-        Self::by(geometry, limb, q, f64::sin_cos)
+    pub fn new(limb: &Limb, q: f64) -> Self {
+        Self::by(limb, q, f64::sin_cos)
     }
 
     /// [`Self::new`] with another function for sine and cosine of an angle.
     #[inline]
-    pub fn by(geometry: &Geometry, limb: usize, q: f64, sin_cos: impl Fn(f64) -> (f64, f64)) -> Self {
-        let u = Geometry::radial(limb);
+    pub fn by(limb: &Limb, q: f64, sin_cos: impl Fn(f64) -> (f64, f64)) -> Self {
+        let u = limb.radial();
         let axes = |angle: f64| {
             let (s, c) = sin_cos(angle);
             (Vector3::new(c * u.x, c * u.y, -s), Vector3::new(s * u.x, s * u.y, c))
         };
-        let shaft = u * geometry.base_radius;
-        match geometry.arms {
+        let shaft = limb.shaft();
+        match limb.actuator {
             Actuator::Revolute => {
                 let (x, z) = axes(q);
-                let lever = x * geometry.arm_length;
-                Self { x, z, origin: shaft, elbow: shaft + lever, slope: z * -geometry.arm_length, curvature: -lever }
+                let lever = x * limb.arm_length;
+                Self { x, z, origin: shaft, elbow: shaft + lever, slope: z * -limb.arm_length, curvature: -lever }
             }
             Actuator::Prismatic { inclination } => {
                 let (x, z) = axes(inclination);
                 let origin = shaft + x * q;
-                Self { x, z, origin, elbow: origin + x * geometry.arm_length, slope: x, curvature: Vector3::zeros() }
+                Self { x, z, origin, elbow: origin + x * limb.arm_length, slope: x, curvature: Vector3::zeros() }
             }
         }
     }
 
-    /// All arms with their drives at `q`.
-    pub fn all(geometry: &Geometry, q: &[f64]) -> [Self; ARMS] {
-        std::array::from_fn(|i| Self::new(geometry, i, q[i]))
+    /// The arms of the first three limbs with their drives at `q`.
+    pub fn three(geometry: &Geometry, q: &[f64]) -> [Self; ARMS] {
+        std::array::from_fn(|i| Self::new(&geometry.limbs[i], q[i]))
     }
 
     /// ∂³e/∂q³, m/rad³.
@@ -69,15 +70,15 @@ impl Arm {
     }
 
     /// Orientation of the frame.
-    pub fn rotation(&self, limb: usize) -> Matrix3<f64> {
-        Matrix3::from_columns(&[self.x, Geometry::tangential(limb), self.z])
+    pub fn rotation(&self, limb: &Limb) -> Matrix3<f64> {
+        Matrix3::from_columns(&[self.x, limb.tangential(), self.z])
     }
 
     /// Unit screw of the arm's drive.
     #[inline]
-    pub fn screw(&self, geometry: &Geometry, limb: usize) -> Screw {
-        match geometry.arms {
-            Actuator::Revolute => Screw::turning(Geometry::tangential(limb)),
+    pub fn screw(&self, limb: &Limb) -> Screw {
+        match limb.actuator {
+            Actuator::Revolute => Screw::turning(limb.tangential()),
             Actuator::Prismatic { .. } => Screw::sliding(self.x),
         }
     }

@@ -1,8 +1,9 @@
-//! Closed-form inverse and forward kinematics of the delta robot, with rates and accelerations.
+//! Inverse and forward kinematics, with rates and accelerations: closed form but for the forward kinematics of plates other
+//! than the platform of three limbs, see `closure`.
 //!
-//! Loop closure of limb i, with p the platform point, u the radial unit vector of the limb and e its elbow (see `Arm`):
-//! the strut vector is l = p + r·u − e and |l| = l₂.
-//! The platform does not rotate, so both struts of a pair share l.
+//! Loop closure of limb i, with p the plate's origin, b the middle of its lower ball pair relative to p and e its elbow (see
+//! `Arm`): the strut vector is l = p + b − e and |l| = l₂. Bodies that carry a ball pair only translate, so both struts of a
+//! pair share l.
 
 use std::borrow::Cow;
 
@@ -10,12 +11,12 @@ use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
 use super::arm::Arm;
-use crate::machine::{ARMS, AXES, Actuator, Geometry};
+use crate::machine::{ARMS, AXES, Actuator, Geometry, Limb};
 
 /// Joint angles (rad), rates and accelerations.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct JointState {
-    /// q = (φ1, φ2, φ3, ψ).
+    /// q = (φ1, φ2, φ3, ψ) of three limbs with a telescope, (φ1, φ2, φ3, φ4) of four limbs.
     pub q: [f64; AXES],
     /// Rates, rad/s.
     pub qd: [f64; AXES],
@@ -85,17 +86,17 @@ pub enum KinematicsError {
         /// Platform position, m.
         z: f64,
     },
-    /// The three spheres of the struts do not intersect at these arm angles.
-    #[error("arm angles ({:.4}, {:.4}, {:.4}) rad do not close the loop", .q[0], .q[1], .q[2])]
+    /// The struts do not reach a common plate at these arm angles.
+    #[error("arm angles ({}) rad do not close the loop", listed(.q))]
     NoClosure {
         /// Arm angles, rad.
-        q: [f64; ARMS],
+        q: Vec<f64>,
     },
     /// The constraint Jacobian is singular.
-    #[error("singular pose at arm angles ({:.4}, {:.4}, {:.4}) rad", .q[0], .q[1], .q[2])]
+    #[error("singular pose at arm angles ({}) rad", listed(.q))]
     Singular {
         /// Arm angles, rad.
-        q: [f64; ARMS],
+        q: Vec<f64>,
     },
     /// An arm angle is beyond its limits.
     #[error("arm {} at {angle:.4} rad is outside {min:.4}..{max:.4} rad", .arm + 1)]
@@ -178,8 +179,8 @@ impl std::fmt::Display for LawFault {
     }
 }
 
-fn listed(values: &[f64; AXES]) -> String {
-    values.map(|x| format!("{x:.4}")).join(", ")
+fn listed(values: &[f64]) -> String {
+    values.iter().map(|x| format!("{x:.4}")).collect::<Vec<_>>().join(", ")
 }
 
 impl Geometry {
@@ -188,95 +189,70 @@ impl Geometry {
     /// # Panics
     /// If there is no `limb`.
     pub fn elbow(&self, limb: usize, q: f64) -> Vector3<f64> {
-        Arm::new(self, limb, q).elbow
+        Arm::new(&self.limbs[limb], q).elbow
     }
 
-    /// Coefficients of the closure |d − l₁ x_A|² = l₂² of a revolute limb, a cos φ + b sin φ = c, that is cos(φ − atan2(b,
-    /// a)) = c/√(a² + b²): a and b (m²), and the right side.
-    fn elbow_equation(&self, limb: usize, position: &Vector3<f64>) -> [f64; 3] {
-        let u = Geometry::radial(limb);
-        let d = position - u * (self.base_radius - self.platform_radius);
-        let (a, b) = (2.0 * self.arm_length * d.dot(&u), -2.0 * self.arm_length * d.z);
-        let c = d.norm_squared() + self.arm_length.powi(2) - self.strut_length[limb].powi(2);
-        [a, b, c / a.hypot(b)]
-    }
-
-    /// How far a limb is from reaching a platform position (m, inertial frame): beyond ±1 its strut does not reach.
+    /// How far a limb is from reaching a pose (position in m, inertial frame; ψ in rad): beyond ±1 its strut does not reach.
     ///
-    /// For a revolute arm it is the cosine of the angle between the arm and the direction to the platform, as the closure
+    /// For a revolute arm it is the cosine of the angle between the arm and the direction to the plate, as the closure
     /// of the limb requires it; for a carriage the distance of the ball pair from the guide over the strut's length.
     ///
     /// # Panics
     /// If there is no `limb`.
-    pub fn elbow_cosine(&self, limb: usize, position: &Vector3<f64>) -> f64 {
-        match self.arms {
-            Actuator::Revolute => self.elbow_equation(limb, position)[2],
+    pub fn elbow_cosine(&self, limb: usize, position: &Vector3<f64>, psi: f64) -> f64 {
+        let limb = &self.limbs[limb];
+        let ball = position + self.pair(limb, psi).offset;
+        match limb.actuator {
+            Actuator::Revolute => elbow_equation(limb, &ball)[2],
             Actuator::Prismatic { .. } => {
-                let arm = Arm::new(self, limb, 0.0);
-                arm.x.cross(&self.strut_vector_of(limb, &arm, position)).norm() / self.strut_length[limb]
+                let arm = Arm::new(limb, 0.0);
+                arm.x.cross(&(ball - arm.elbow)).norm() / limb.strut_length
             }
         }
     }
 
-    /// Arm angles (rad), or distances of the carriages (m), for a platform position (m, inertial frame); joint limits are
-    /// not checked.
+    /// Arm angles (rad), or distances of the carriages (m), of all limbs for a pose (position in m, inertial frame; ψ in
+    /// rad); joint limits are not checked. The position is taken as it is, also where a coupling of passive arms would
+    /// displace it.
     ///
     /// Of the two solutions of a limb, a revolute arm has its elbow outward, and the strut of a carriage leads inward and
     /// down: along the guide if it falls by more than 45°, else against it.
     ///
     /// # Errors
     /// [`KinematicsError::OutOfReach`] if a strut does not reach the position.
-    pub fn inverse(&self, position: &Vector3<f64>) -> Result<[f64; ARMS], KinematicsError> {
-        let mut q = [0.0; ARMS];
-        for (limb, q) in q.iter_mut().enumerate() {
-            let reached = match self.arms {
-                Actuator::Revolute => self.arm_angle(limb, position),
-                Actuator::Prismatic { .. } => self.carriage(limb, position),
+    pub fn inverse(&self, position: &Vector3<f64>, psi: f64) -> Result<[f64; AXES], KinematicsError> {
+        let mut q = [0.0; AXES];
+        for (i, limb) in self.limbs.iter().enumerate() {
+            let ball = position + self.pair(limb, psi).offset;
+            let reached = match limb.actuator {
+                Actuator::Revolute => arm_angle(limb, &ball),
+                Actuator::Prismatic { .. } => carriage(limb, &ball),
             };
-            *q = reached.ok_or(KinematicsError::OutOfReach { limb, x: position.x, y: position.y, z: position.z })?;
+            let (x, y, z) = (position.x, position.y, position.z);
+            q[i] = reached.ok_or(KinematicsError::OutOfReach { limb: i, x, y, z })?;
         }
         Ok(q)
     }
 
-    fn arm_angle(&self, limb: usize, position: &Vector3<f64>) -> Option<f64> {
-        let [a, b, cosine] = self.elbow_equation(limb, position);
-        if cosine.is_nan() || cosine.abs() > 1.0 {
-            return None;
-        }
-        let angle = b.atan2(a) - cosine.acos();
-        Some(if angle < -std::f64::consts::PI { angle + std::f64::consts::TAU } else { angle })
-    }
-
-    /// Solution of |l₀ − q·x_A| = l₂ with l₀ the strut vector at q = 0: q = l₀·x_A ∓ √((l₀·x_A)² − l₀² + l₂²), where l·x_A
-    /// is ± the root.
-    fn carriage(&self, limb: usize, position: &Vector3<f64>) -> Option<f64> {
-        let arm = Arm::new(self, limb, 0.0);
-        let start = self.strut_vector_of(limb, &arm, position);
-        let along = start.dot(&arm.x);
-        let square = along * along - start.norm_squared() + self.strut_length[limb].powi(2);
-        if square.is_nan() || square < 0.0 {
-            return None;
-        }
-        let is_steep = -arm.x.z > arm.x.dot(&Geometry::radial(limb));
-        Some(if is_steep { along - square.sqrt() } else { along + square.sqrt() })
-    }
-
-    /// Platform position (m, inertial frame) for arm angles (rad): the lower intersection of three spheres; limits are
-    /// not checked.
+    /// Platform position (m, inertial frame) for arm angles (rad): for three limbs the lower intersection of three spheres;
+    /// limits are not checked.
     ///
     /// # Errors
     /// [`KinematicsError::NoClosure`] if the spheres do not intersect.
     ///
     /// # Panics
-    /// If `q` has fewer than three elements.
+    /// If `q` has fewer elements than there are driven limbs.
     pub fn forward(&self, q: &[f64]) -> Result<Vector3<f64>, KinematicsError> {
-        self.forward_of([q[0], q[1], q[2]], &Arm::all(self, q))
+        match self.has_platform_of_three() {
+            true => self.forward_of([q[0], q[1], q[2]], &Arm::three(self, q)),
+            false => Ok(self.closed(q)?.position),
+        }
     }
 
     fn forward_of(&self, q: [f64; ARMS], arms: &[Arm; ARMS]) -> Result<Vector3<f64>, KinematicsError> {
-        let centre = |i: usize| arms[i].elbow - Geometry::radial(i) * self.platform_radius;
+        let centre = |i: usize| arms[i].elbow - self.limbs[i].point;
         let (c0, c1, c2) = (centre(0), centre(1), centre(2));
-        let [r0, r1, r2] = self.strut_length;
+        let [r0, r1, r2] = std::array::from_fn(|i| self.limbs[i].strut_length);
         // Sphere 0 minus sphere i gives a plane: 2(cᵢ − c₀)·p = r₀² − rᵢ² + cᵢ² − c₀².
         let (e1, e2) = (c1 - c0, c2 - c0);
         let k1 = 0.5 * (r0 * r0 - r1 * r1 + e1.norm_squared());
@@ -287,37 +263,25 @@ impl Geometry {
         let foot = (e2.cross(&n) * k1 + n.cross(&e1) * k2) / nn;
         let height2 = (r0 * r0 - foot.norm_squared()) / nn;
         if height2.is_nan() || height2 < 0.0 {
-            return Err(KinematicsError::NoClosure { q });
+            return Err(KinematicsError::NoClosure { q: q.into() });
         }
         let side = if n.z > 0.0 { -1.0 } else { 1.0 };
         Ok(c0 + foot + n * (side * height2.sqrt()))
     }
 
-    /// Strut vector of `limb`, upper to lower ball, m; its length is `strut_length` if the loop is closed.
-    ///
-    /// # Panics
-    /// If there is no `limb`.
-    pub fn strut_vector(&self, limb: usize, q: f64, position: &Vector3<f64>) -> Vector3<f64> {
-        self.strut_vector_of(limb, &Arm::new(self, limb, q), position)
-    }
-
     /// Direction of the strut of `limb`, upper to lower ball, and the magnitude of the cosine between it and the motion of
-    /// the elbow: the sine of the angle between strut and arm, zero where the drive does not move the platform.
+    /// the elbow: the sine of the angle between strut and arm, zero where the drive does not move the plate.
     ///
     /// # Panics
     /// If there is no `limb`.
-    pub fn transmission(&self, limb: usize, q: f64, position: &Vector3<f64>) -> (Vector3<f64>, f64) {
-        let arm = Arm::new(self, limb, q);
-        let strut = self.strut_vector_of(limb, &arm, position).normalize();
+    pub fn transmission(&self, limb: usize, q: f64, platform: &PlatformState) -> (Vector3<f64>, f64) {
+        let limb = &self.limbs[limb];
+        let arm = Arm::new(limb, q);
+        let strut = (platform.position + self.pair(limb, platform.psi[0]).offset - arm.elbow).normalize();
         (strut, strut.dot(&arm.slope.normalize()).abs())
     }
 
-    /// [`Self::strut_vector`] for a given arm.
-    pub(super) fn strut_vector_of(&self, limb: usize, arm: &Arm, position: &Vector3<f64>) -> Vector3<f64> {
-        position + Geometry::radial(limb) * self.platform_radius - arm.elbow
-    }
-
-    /// Jacobian ∂ṗ/∂φ̇ (3×3, m/rad) at a pose that closes the loops.
+    /// Jacobian ∂ṗ/∂φ̇ (3×3, m/rad) of three limbs and a platform at a pose that closes the loops.
     ///
     /// # Errors
     /// [`KinematicsError::Singular`] if the three strut vectors are linearly dependent.
@@ -328,12 +292,12 @@ impl Geometry {
         // l·ṗ = (l·∂e/∂q) q̇
         let mut parallel = Matrix3::zeros();
         let mut serial = Vector3::zeros();
-        for (i, arm) in Arm::all(self, q).iter().enumerate() {
-            let l = self.strut_vector_of(i, arm, position);
+        for (i, arm) in Arm::three(self, q).iter().enumerate() {
+            let l = position + self.limbs[i].point - arm.elbow;
             parallel.set_row(i, &l.transpose());
             serial[i] = l.dot(&arm.slope);
         }
-        let inverse = parallel.try_inverse().ok_or(KinematicsError::Singular { q: [q[0], q[1], q[2]] })?;
+        let inverse = parallel.try_inverse().ok_or_else(|| KinematicsError::Singular { q: q[..ARMS].into() })?;
         Ok(inverse * Matrix3::from_diagonal(&serial))
     }
 
@@ -342,17 +306,20 @@ impl Geometry {
     /// # Errors
     /// [`KinematicsError::NoClosure`] as in [`Self::forward`], [`KinematicsError::Singular`] as in [`Self::jacobian`].
     pub fn forward_motion(&self, joints: &JointState) -> Result<PlatformState, KinematicsError> {
+        if !self.has_platform_of_three() {
+            return Ok(self.complete(joints)?.1);
+        }
         let JointState { q, qd, qdd } = joints;
-        let arms = Arm::all(self, q);
+        let arms = Arm::three(self, q);
         let position = self.forward_of([q[0], q[1], q[2]], &arms)?;
-        let struts: [Vector3<f64>; ARMS] = std::array::from_fn(|i| self.strut_vector_of(i, &arms[i], &position));
+        let struts: [Vector3<f64>; ARMS] = std::array::from_fn(|i| position + self.limbs[i].point - arms[i].elbow);
         let mut parallel = Matrix3::zeros();
         let mut rate = Vector3::zeros();
         for (i, l) in struts.iter().enumerate() {
             parallel.set_row(i, &l.transpose());
             rate[i] = l.dot(&arms[i].slope) * qd[i];
         }
-        let inverse = parallel.try_inverse().ok_or(KinematicsError::Singular { q: [q[0], q[1], q[2]] })?;
+        let inverse = parallel.try_inverse().ok_or_else(|| KinematicsError::Singular { q: q[..ARMS].into() })?;
         let velocity = inverse * rate;
         let mut rate = Vector3::zeros();
         for (i, (l, arm)) in struts.iter().zip(&arms).enumerate() {
@@ -360,46 +327,62 @@ impl Geometry {
             let ld = velocity - arm.slope * qd[i];
             rate[i] = l.dot(&(arm.slope * qdd[i] + arm.curvature * (qd[i] * qd[i]))) - ld.norm_squared();
         }
-        Ok(PlatformState { position, velocity, acceleration: inverse * rate, psi: [q[3], qd[3], qdd[3]] })
+        let psi = if self.has_telescope() { [q[3], qd[3], qdd[3]] } else { [0.0; 3] };
+        Ok(PlatformState { position, velocity, acceleration: inverse * rate, psi })
     }
 
-    /// Joint motion for a platform motion, elbows outward.
+    /// Joint motion for a platform motion, elbows outward. A coupling of passive arms displaces the platform, see
+    /// [`Self::settled`].
     ///
     /// # Errors
     /// [`KinematicsError::OutOfReach`] as in [`Self::inverse`]; [`KinematicsError::Singular`] if a strut is
     /// perpendicular to the motion of its elbow.
     pub fn inverse_motion(&self, platform: &PlatformState) -> Result<JointState, KinematicsError> {
-        let angles = self.inverse(&platform.position)?;
-        let mut joints = JointState::default();
-        for i in 0..ARMS {
-            let arm = Arm::new(self, i, angles[i]);
-            let l = self.strut_vector_of(i, &arm, &platform.position);
-            let serial = l.dot(&arm.slope);
-            if serial.abs() < 1e-9 {
-                return Err(KinematicsError::Singular { q: angles });
+        let platform = &self.settled(platform)?;
+        let angles = self.inverse(&platform.position, platform.psi[0])?;
+        let mut joints = JointState { q: angles, ..JointState::default() };
+        for i in 0..self.limbs.len() {
+            let step = self.limb_step(i, angles[i], platform);
+            if step.serial.abs() < 1e-9 {
+                return Err(KinematicsError::Singular { q: angles[..self.limbs.len()].into() });
             }
-            let rate = l.dot(&platform.velocity) / serial;
-            let ld = platform.velocity - arm.slope * rate;
-            joints.q[i] = angles[i];
-            joints.qd[i] = rate;
-            joints.qdd[i] =
-                (l.dot(&platform.acceleration) + ld.norm_squared() - l.dot(&arm.curvature) * rate * rate) / serial;
+            (joints.qd[i], joints.qdd[i]) = (step.rate, step.acceleration);
         }
-        (joints.q[3], joints.qd[3], joints.qdd[3]) = (platform.psi[0], platform.psi[1], platform.psi[2]);
+        if self.limbs.len() < AXES {
+            let last = AXES - 1;
+            [joints.q[last], joints.qd[last], joints.qdd[last]] = platform.psi;
+        }
         Ok(joints)
     }
 
-    /// Third derivatives of the arm coordinates (rad/s³ or m/s³) for the platform motion of [`Geometry::inverse_motion`] with jerk
-    /// `jerk` (m/s³).
+    /// Rate and acceleration of the drive of limb `i` at `q` for a platform motion.
+    pub(super) fn limb_step(&self, i: usize, q: f64, platform: &PlatformState) -> LimbStep {
+        let limb = &self.limbs[i];
+        let arm = Arm::new(limb, q);
+        let pair = self.pair(limb, platform.psi[0]);
+        let [_, turning, turning_rate] = platform.psi;
+        let l = platform.position + pair.offset - arm.elbow;
+        let velocity = platform.velocity + pair.slope * turning;
+        let acceleration = platform.acceleration + pair.slope * turning_rate + pair.curvature * (turning * turning);
+        let serial = l.dot(&arm.slope);
+        let rate = l.dot(&velocity) / serial;
+        let ld = velocity - arm.slope * rate;
+        let acceleration = (l.dot(&acceleration) + ld.norm_squared() - l.dot(&arm.curvature) * rate * rate) / serial;
+        LimbStep { strut: l, serial, rate, acceleration }
+    }
+
+    /// Third derivatives of the arm coordinates (rad/s³ or m/s³) of three limbs and a platform for the platform motion of
+    /// [`Geometry::inverse_motion`] with jerk `jerk` (m/s³).
     pub fn inverse_jerk(&self, platform: &PlatformState, joints: &JointState, jerk: &Vector3<f64>) -> [f64; ARMS] {
         std::array::from_fn(|i| {
             // d²/dt² of l·l̇ = 0: 3 l̇·l̈ + l·l⃛ = 0.
             let (rate, acceleration) = (joints.qd[i], joints.qdd[i]);
-            let arm = Arm::new(self, i, joints.q[i]);
-            let l = self.strut_vector_of(i, &arm, &platform.position);
+            let arm = Arm::new(&self.limbs[i], joints.q[i]);
+            let l = platform.position + self.limbs[i].point - arm.elbow;
             let ld = platform.velocity - arm.slope * rate;
             let ldd = platform.acceleration - arm.slope * acceleration - arm.curvature * (rate * rate);
-            let rest = jerk - arm.curvature * (3.0 * rate * acceleration) - arm.third(self.arms) * rate.powi(3);
+            let third = arm.third(self.limbs[i].actuator);
+            let rest = jerk - arm.curvature * (3.0 * rate * acceleration) - third * rate.powi(3);
             (3.0 * ld.dot(&ldd) + l.dot(&rest)) / l.dot(&arm.slope)
         })
     }
@@ -426,11 +409,13 @@ impl Geometry {
     /// # Errors
     /// [`KinematicsError::ArmLimit`] for the first arm outside its limits.
     pub fn check_arms(&self, q: &[f64]) -> Result<(), KinematicsError> {
-        let [min, max] = self.arm_limits;
-        match q.iter().position(|angle| !(min..=max).contains(angle)) {
-            Some(arm) => Err(KinematicsError::ArmLimit { arm, angle: q[arm], min, max }),
-            None => Ok(()),
+        for (arm, (&angle, limb)) in q.iter().zip(self.limbs.iter()).enumerate() {
+            let [min, max] = limb.limits;
+            if !(min..=max).contains(&angle) {
+                return Err(KinematicsError::ArmLimit { arm, angle, min, max });
+            }
         }
+        Ok(())
     }
 
     /// Checks arm angles (rad) and telescope length of a pose against their limits.
@@ -439,9 +424,12 @@ impl Geometry {
     /// [`KinematicsError::ArmLimit`] for the first arm outside its limits, else [`KinematicsError::TelescopeLimit`].
     ///
     /// # Panics
-    /// If `q` has fewer than three elements.
+    /// If `q` has fewer elements than there are limbs.
     pub fn check_limits(&self, q: &[f64], position: &Vector3<f64>) -> Result<(), KinematicsError> {
-        self.check_arms(&q[..ARMS])?;
+        self.check_arms(&q[..self.limbs.len()])?;
+        if !self.has_telescope() {
+            return Ok(());
+        }
         let length = self.telescope_length(position);
         let [min, max] = self.telescope_limits;
         if !(min..=max).contains(&length) {
@@ -449,4 +437,48 @@ impl Geometry {
         }
         Ok(())
     }
+}
+
+/// One limb along a platform motion.
+pub(super) struct LimbStep {
+    /// Strut vector l, upper to lower ball, m.
+    pub strut: Vector3<f64>,
+    /// l·∂e/∂q, m²/rad or m.
+    pub serial: f64,
+    /// Rate of the drive, rad/s or m/s.
+    pub rate: f64,
+    /// Acceleration of the drive, rad/s² or m/s².
+    pub acceleration: f64,
+}
+
+/// Coefficients of the closure |d − l₁ x_A|² = l₂² of a revolute limb, a cos φ + b sin φ = c, that is cos(φ − atan2(b,
+/// a)) = c/√(a² + b²), for the middle of its lower ball pair at `ball`: a and b (m²), and the right side.
+fn elbow_equation(limb: &Limb, ball: &Vector3<f64>) -> [f64; 3] {
+    let d = ball - limb.shaft();
+    let (a, b) = (2.0 * limb.arm_length * d.dot(&limb.radial()), -2.0 * limb.arm_length * d.z);
+    let c = d.norm_squared() + limb.arm_length.powi(2) - limb.strut_length.powi(2);
+    [a, b, c / a.hypot(b)]
+}
+
+fn arm_angle(limb: &Limb, ball: &Vector3<f64>) -> Option<f64> {
+    let [a, b, cosine] = elbow_equation(limb, ball);
+    if cosine.is_nan() || cosine.abs() > 1.0 {
+        return None;
+    }
+    let angle = b.atan2(a) - cosine.acos();
+    Some(if angle < -std::f64::consts::PI { angle + std::f64::consts::TAU } else { angle })
+}
+
+/// Solution of |l₀ − q·x_A| = l₂ with l₀ the strut vector at q = 0: q = l₀·x_A ∓ √((l₀·x_A)² − l₀² + l₂²), where l·x_A
+/// is ± the root.
+fn carriage(limb: &Limb, ball: &Vector3<f64>) -> Option<f64> {
+    let arm = Arm::new(limb, 0.0);
+    let start = ball - arm.elbow;
+    let along = start.dot(&arm.x);
+    let square = along * along - start.norm_squared() + limb.strut_length.powi(2);
+    if square.is_nan() || square < 0.0 {
+        return None;
+    }
+    let is_steep = -arm.x.z > arm.x.dot(&limb.radial());
+    Some(if is_steep { along - square.sqrt() } else { along + square.sqrt() })
 }

@@ -5,8 +5,10 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use super::arm::{Arm, Screw};
 use super::delta::{JointState, KinematicsError, PlatformState};
 use super::telescope::{Telescope, telescope_motion};
-use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{ARMS, AXES, Geometry, Joint, Mechanism, STRUTS};
+use crate::machine::bodies::{
+    ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, strut,
+};
+use crate::machine::{ARMS, AXES, Geometry, Joint, Limb, MAX_LIMBS, MAX_STRUTS, Mechanism, Plate, STRUTS};
 
 /// Motion of one body frame in the inertial frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,9 +59,25 @@ impl BodyMotion {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reactions {
     /// At the elbow end.
-    pub upper: [f64; STRUTS],
+    pub upper: [f64; MAX_STRUTS],
     /// At the platform end.
-    pub lower: [f64; STRUTS],
+    pub lower: [f64; MAX_STRUTS],
+}
+
+impl Reactions {
+    /// No forces.
+    pub const ZERO: Self = Self { upper: [0.0; MAX_STRUTS], lower: [0.0; MAX_STRUTS] };
+
+    /// Forces of the first struts at the elbows and at the platform, N.
+    ///
+    /// # Panics
+    /// If there are more than [`MAX_STRUTS`].
+    pub fn of(upper: &[f64], lower: &[f64]) -> Self {
+        let mut out = Self::ZERO;
+        out.upper[..upper.len()].copy_from_slice(upper);
+        out.lower[..lower.len()].copy_from_slice(lower);
+        out
+    }
 }
 
 /// Motion of all joints and bodies at one time.
@@ -69,6 +87,12 @@ pub struct Reactions {
 pub struct Motion {
     /// Joint type of the arms.
     pub arms: Joint,
+    /// Number of limbs.
+    pub limbs: usize,
+    /// Number of limbs whose arm has a drive, the first ones.
+    pub driven: usize,
+    /// Unit vector along the shaft of each limb.
+    pub shaft: [Vector3<f64>; MAX_LIMBS],
     /// Joint angles, rad; m for carriages.
     pub q: [f64; AXES],
     /// Joint rates, rad/s.
@@ -76,32 +100,40 @@ pub struct Motion {
     /// Joint accelerations, rad/s².
     pub qdd: [f64; AXES],
     /// Body frames, see [`crate::machine::Bodies`].
-    pub bodies: [BodyMotion; BODIES],
+    pub bodies: [BodyMotion; SLOTS],
     /// Unit vector of each strut, from elbow to platform.
-    pub strut_axis: [Vector3<f64>; STRUTS],
+    pub strut_axis: [Vector3<f64>; MAX_STRUTS],
     /// Distance between the two balls of each strut, m.
-    pub strut_length: [f64; STRUTS],
+    pub strut_length: [f64; MAX_STRUTS],
+    /// Body that carries the lower ball of each strut.
+    pub carrier: [usize; MAX_STRUTS],
     /// Telescope.
     pub telescope: Telescope,
 }
 
-/// Number of ball sockets: 0..6 at the elbows (struts 1–6), 6..12 at the platform.
+/// Number of ball sockets of three limbs: 0..6 at the elbows (struts 1–6), 6..12 at the platform. With other numbers of
+/// limbs likewise: one per strut at the elbows, then one per strut at the plate.
 pub const SOCKETS: usize = 2 * STRUTS;
 
-/// Set of ball sockets.
+/// Set of ball sockets, at most two per strut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SocketSet(u16);
 
 impl SocketSet {
-    /// All twelve sockets.
+    /// All twelve sockets of three limbs.
     pub const ALL: Self = Self((1 << SOCKETS) - 1);
 
-    /// Whether `socket` (below [`SOCKETS`]) is in the set.
+    /// All sockets of a machine with this number of struts.
+    pub fn of(struts: usize) -> Self {
+        Self(((1_u32 << (2 * struts)) - 1) as u16)
+    }
+
+    /// Whether `socket` is in the set.
     pub fn contains(self, socket: usize) -> bool {
         self.0 >> socket & 1 == 1
     }
 
-    /// The set without `socket` (below [`SOCKETS`]).
+    /// The set without `socket`.
     #[must_use]
     pub fn without(self, socket: usize) -> Self {
         Self(self.0 & !(1 << socket))
@@ -109,13 +141,13 @@ impl SocketSet {
 
     /// Sockets of the set in ascending order.
     pub fn iter(self) -> impl Iterator<Item = usize> {
-        (0..SOCKETS).filter(move |&s| self.contains(s))
+        (0..2 * MAX_STRUTS).filter(move |&s| self.contains(s))
     }
 }
 
 impl Motion {
     /// Poses of the body frames in the inertial frame, translation in m.
-    pub fn poses(&self) -> [Isometry3<f64>; BODIES] {
+    pub fn poses(&self) -> [Isometry3<f64>; SLOTS] {
         self.bodies.map(|b| {
             let rotation = Rotation3::from_matrix_unchecked(b.rotation);
             Isometry3::from_parts(b.position.into(), UnitQuaternion::from_rotation_matrix(&rotation))
@@ -123,7 +155,7 @@ impl Motion {
     }
 
     /// Poses for display: the moving part of a prismatic axis is translated along x by its coordinate.
-    pub fn shown(&self, machine: Mechanism) -> [Isometry3<f64>; BODIES] {
+    pub fn shown(&self, machine: Mechanism) -> [Isometry3<f64>; SLOTS] {
         let mut poses = self.poses();
         if machine.joint() == Joint::Prismatic {
             poses[ARM] = Isometry3::translation(self.q[0], 0.0, 0.0);
@@ -131,70 +163,108 @@ impl Motion {
         poses
     }
 
-    /// Body on which the drive of `axis` (0..4) acts, and the screw of its joint.
+    /// Number of bodies, the first ones, after which the machine has none.
+    #[inline]
+    pub fn slots(&self) -> usize {
+        if self.limbs == ARMS { BODIES } else { SLOTS }
+    }
+
+    /// Number of struts.
+    #[inline]
+    pub fn struts(&self) -> usize {
+        2 * self.limbs
+    }
+
+    /// Body on which the drive of `axis` acts, and the screw of its joint.
     ///
     /// # Panics
     /// If there is no `axis`.
     #[inline]
     pub fn drive(&self, axis: usize) -> (usize, Screw) {
-        let body = Self::driven(axis);
-        let screw = match (axis, self.arms) {
-            (ARMS.., _) => Screw::turning(Vector3::z()),
-            (_, Joint::Revolute) => Screw::turning(Geometry::tangential(axis)),
-            (_, Joint::Prismatic) => Screw::sliding(self.bodies[body].rotation.column(0).into_owned()),
-        };
-        (body, screw)
+        if axis < self.limbs { (arm(axis), self.arm_screw(axis)) } else { (ROTOR, Screw::turning(Vector3::z())) }
     }
 
-    /// Body on which the drive of `axis` (0..4) acts.
-    pub fn driven(axis: usize) -> usize {
-        if axis < ARMS { ARM + axis } else { ROTOR }
+    /// Screw of the arm of `limb`, driven or passive.
+    ///
+    /// # Panics
+    /// If there is no `limb`.
+    #[inline]
+    pub fn arm_screw(&self, limb: usize) -> Screw {
+        match self.arms {
+            Joint::Revolute => Screw::turning(self.shaft[limb]),
+            Joint::Prismatic => Screw::sliding(self.bodies[arm(limb)].rotation.column(0).into_owned()),
+        }
     }
 
     /// Indices of the strut at `socket` and of the body that carries the ball.
-    pub fn socket_bodies(socket: usize) -> (usize, usize) {
-        let strut = socket % STRUTS;
-        (STRUT + strut, if socket < STRUTS { ARM + strut / 2 } else { PLATFORM })
+    pub fn socket_bodies(&self, socket: usize) -> (usize, usize) {
+        let s = socket % self.struts();
+        (strut(s), if socket < self.struts() { arm(s / 2) } else { self.carrier[s] })
+    }
+
+    /// Origin of an assembled robot's plate in the inertial frame, m.
+    pub fn origin(&self, plate: &Plate) -> Vector3<f64> {
+        let rotation = &self.bodies[END_EFFECTOR].rotation;
+        let part = plate.part(0);
+        self.bodies[PLATFORM].position - part.fixed - rotation * part.turning
+    }
+
+    /// Lower ball of strut `s` in the inertial frame, m.
+    #[inline]
+    pub fn lower_ball(&self, s: usize) -> Vector3<f64> {
+        self.bodies[strut(s)].position + self.strut_axis[s] * self.strut_length[s]
     }
 
     /// Angular velocity of the strut relative to the body that carries the ball at `socket`, inertial axes, rad/s.
     pub fn socket_rate(&self, socket: usize) -> Vector3<f64> {
-        let (strut, partner) = Self::socket_bodies(socket);
+        let (strut, partner) = self.socket_bodies(socket);
         self.bodies[strut].angular_velocity - self.bodies[partner].angular_velocity
     }
 }
 
 impl Motion {
-    /// Motion of the assembled robot for a joint motion, with the platform in pure translation and struts that do not
-    /// spin.
+    /// Motion of the assembled robot for a joint motion, with bodies that carry ball pairs in pure translation and struts that
+    /// do not spin.
     ///
     /// # Errors
     /// Those of [`Geometry::forward_motion`].
     pub fn assembled(geometry: &Geometry, joints: &JointState) -> Result<Self, KinematicsError> {
-        let platform = geometry.forward_motion(joints)?;
-        Ok(Self::with_platform(geometry, joints, &platform))
+        let (joints, platform) = geometry.complete(joints)?;
+        Ok(Self::with_platform(geometry, &joints, &platform))
     }
 
     /// Motion of the arms and the rotor of a disassembled robot.
     pub fn disassembled(geometry: &Geometry, joints: &JointState) -> Self {
         let mut motion = Self {
-            arms: geometry.arms.joint(),
+            arms: geometry.actuator().joint(),
+            limbs: geometry.limbs.len(),
+            driven: geometry.driven(),
+            shaft: [Vector3::zeros(); MAX_LIMBS],
             q: joints.q,
             qd: joints.qd,
             qdd: joints.qdd,
-            bodies: [BodyMotion::REST; BODIES],
-            strut_axis: [Vector3::zeros(); STRUTS],
-            strut_length: std::array::from_fn(|s| geometry.strut_length[s / 2]),
+            bodies: [BodyMotion::REST; SLOTS],
+            strut_axis: [Vector3::zeros(); MAX_STRUTS],
+            strut_length: [0.0; MAX_STRUTS],
+            carrier: [PLATFORM; MAX_STRUTS],
             telescope: Telescope { axis: Vector3::z(), length: 0.0, rate: 0.0 },
         };
-        for i in 0..ARMS {
-            motion.bodies[ARM + i] = arm_motion(geometry, i, joints);
+        let plate = geometry.plate.bodies();
+        for (i, limb) in geometry.limbs.iter().enumerate() {
+            motion.bodies[arm(i)] = arm_motion(limb, joints.q[i], joints.qd[i], joints.qdd[i]);
+            motion.shaft[i] = limb.tangential();
+            motion.strut_length[2 * i..2 * i + 2].fill(limb.strut_length);
+            motion.carrier[2 * i..2 * i + 2].fill(plate[limb.part]);
         }
+        let [psi, rate, acceleration] = match geometry.limbs.len() < AXES {
+            true => [joints.q[3], joints.qd[3], joints.qdd[3]],
+            false => [0.0; 3],
+        };
         motion.bodies[ROTOR] = BodyMotion {
-            rotation: rotation_z(joints.q[3]),
+            rotation: rotation_z(psi),
             position: geometry.upper_hooke(),
-            angular_velocity: Vector3::z() * joints.qd[3],
-            angular_acceleration: Vector3::z() * joints.qdd[3],
+            angular_velocity: Vector3::z() * rate,
+            angular_acceleration: Vector3::z() * acceleration,
             ..BodyMotion::REST
         };
         motion
@@ -203,26 +273,15 @@ impl Motion {
     /// Motion of the assembled robot for a joint motion and the platform motion consistent with it.
     pub fn with_platform(geometry: &Geometry, joints: &JointState, platform: &PlatformState) -> Self {
         let mut motion = Self::disassembled(geometry, joints);
-        let [psi, psi_rate, psi_acceleration] = platform.psi;
-        for strut in 0..STRUTS {
-            let limb = strut / 2;
-            let (body, axis) = strut_motion(geometry, strut, &motion.bodies[ARM + limb], platform);
-            motion.bodies[STRUT + strut] = body;
-            motion.strut_axis[strut] = axis;
+        motion.place_plate(geometry, platform);
+        for (i, limb) in geometry.limbs.iter().enumerate() {
+            let (body, axis) = strut_motion(limb, &motion.bodies[arm(i)], &motion.bodies[motion.carrier[2 * i]]);
+            let v = limb.tangential() * (0.5 * limb.pair_distance);
+            for (s, offset) in [(2 * i, v), (2 * i + 1, -v)] {
+                motion.bodies[strut(s)] = BodyMotion { position: body.position + offset, ..body };
+                motion.strut_axis[s] = axis;
+            }
         }
-        motion.bodies[PLATFORM] = BodyMotion {
-            position: platform.position,
-            velocity: platform.velocity,
-            acceleration: platform.acceleration,
-            ..BodyMotion::REST
-        };
-        motion.bodies[END_EFFECTOR] = BodyMotion {
-            rotation: rotation_z(psi),
-            position: platform.position + Vector3::z() * geometry.flange_height,
-            angular_velocity: Vector3::z() * psi_rate,
-            angular_acceleration: Vector3::z() * psi_acceleration,
-            ..motion.bodies[PLATFORM]
-        };
         let lower_hooke = platform.position + Vector3::z() * geometry.lower_hooke_height;
         let (rotor, hooke) = (&motion.bodies[ROTOR], geometry.upper_hooke());
         let (upper, lower, telescope) =
@@ -231,6 +290,40 @@ impl Motion {
         motion.bodies[TELESCOPE_LOWER] = lower;
         motion.telescope = telescope;
         motion
+    }
+
+    /// Sets the parts of the plate, and the end effector at its flange.
+    fn place_plate(&mut self, geometry: &Geometry, platform: &PlatformState) {
+        let [psi, psi_rate, psi_acceleration] = platform.psi;
+        let plate = &geometry.plate;
+        let origin = BodyMotion {
+            position: platform.position,
+            velocity: platform.velocity,
+            acceleration: platform.acceleration,
+            ..BodyMotion::REST
+        };
+        for (k, &body) in plate.bodies().iter().enumerate() {
+            let place = plate.part(k).at(psi);
+            self.bodies[body] = BodyMotion {
+                rotation: place.rotation,
+                position: origin.position + place.origin,
+                velocity: origin.velocity + place.slope * psi_rate,
+                acceleration: origin.acceleration
+                    + place.slope * psi_acceleration
+                    + place.curvature * (psi_rate * psi_rate),
+                angular_velocity: Vector3::z() * (place.turning * psi_rate),
+                angular_acceleration: Vector3::z() * (place.turning * psi_acceleration),
+            };
+        }
+        if !plate.turns() {
+            self.bodies[END_EFFECTOR] = BodyMotion {
+                rotation: rotation_z(psi),
+                angular_velocity: Vector3::z() * psi_rate,
+                angular_acceleration: Vector3::z() * psi_acceleration,
+                ..origin
+            };
+        }
+        self.bodies[END_EFFECTOR].position += Vector3::z() * geometry.flange_height;
     }
 
     /// Motion along a path at path speed `speed` (ṡ) and path acceleration `acceleration` (s̈).
@@ -259,41 +352,41 @@ fn rotation_z(angle: f64) -> Matrix3<f64> {
     Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
 }
 
-fn arm_motion(geometry: &Geometry, limb: usize, joints: &JointState) -> BodyMotion {
-    let arm = Arm::new(geometry, limb, joints.q[limb]);
-    let screw = arm.screw(geometry, limb);
+fn arm_motion(limb: &Limb, q: f64, qd: f64, qdd: f64) -> BodyMotion {
+    let arm = Arm::new(limb, q);
+    let screw = arm.screw(limb);
     BodyMotion {
         rotation: arm.rotation(limb),
         position: arm.origin,
-        velocity: screw.linear * joints.qd[limb],
-        angular_velocity: screw.angular * joints.qd[limb],
-        acceleration: screw.linear * joints.qdd[limb],
-        angular_acceleration: screw.angular * joints.qdd[limb],
+        velocity: screw.linear * qd,
+        angular_velocity: screw.angular * qd,
+        acceleration: screw.linear * qdd,
+        angular_acceleration: screw.angular * qdd,
     }
 }
 
-fn strut_motion(
-    geometry: &Geometry,
-    strut: usize,
-    arm: &BodyMotion,
-    platform: &PlatformState,
-) -> (BodyMotion, Vector3<f64>) {
-    let limb = strut / 2;
-    let length = geometry.strut_length[limb];
-    let v = Geometry::tangential(limb);
-    // The ball pair is parallel to the motor axis, so that only the arm length contributes to the lever.
-    let lever = arm.rotation.column(0) * geometry.arm_length;
+/// Motion of a strut in the middle of its pair, at the elbow, and its axis; `plate` carries the lower ball pair.
+///
+/// The ball pair is parallel to the motor axis and the plate's body translates, so that only the arm length contributes to the
+/// lever.
+fn strut_motion(limb: &Limb, arm: &BodyMotion, plate: &BodyMotion) -> (BodyMotion, Vector3<f64>) {
+    let length = limb.strut_length;
+    let lever = arm.rotation.column(0) * limb.arm_length;
     let elbow = arm.position + lever;
-    let axis = (platform.position + Geometry::radial(limb) * geometry.platform_radius - elbow) / length;
+    let point = plate.rotation * limb.point;
+    let axis = (plate.position + point - elbow) / length;
+    let turned = |omega: &Vector3<f64>, lever: &Vector3<f64>| omega.cross(&omega.cross(lever));
     let velocity = arm.velocity + arm.angular_velocity.cross(&lever);
-    let acceleration = arm.acceleration
-        + arm.angular_acceleration.cross(&lever)
-        + arm.angular_velocity.cross(&arm.angular_velocity.cross(&lever));
-    let axis_rate = (platform.velocity - velocity) / length;
-    let axis_acceleration = (platform.acceleration - acceleration) / length;
+    let acceleration =
+        arm.acceleration + arm.angular_acceleration.cross(&lever) + turned(&arm.angular_velocity, &lever);
+    let below = plate.velocity + plate.angular_velocity.cross(&point);
+    let below_acceleration =
+        plate.acceleration + plate.angular_acceleration.cross(&point) + turned(&plate.angular_velocity, &point);
+    let axis_rate = (below - velocity) / length;
+    let axis_acceleration = (below_acceleration - acceleration) / length;
     let body = BodyMotion {
-        rotation: strut_rotation(&axis, &v),
-        position: elbow + v * geometry.pair_offset(strut),
+        rotation: strut_rotation(&axis, &limb.tangential()),
+        position: elbow,
         velocity,
         angular_velocity: axis.cross(&axis_rate),
         acceleration,

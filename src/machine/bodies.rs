@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Matrix4, Vector3};
 
-use super::{ARMS, STRUTS};
+use super::{ARMS, MAX_LIMBS, MAX_STRUTS, STRUTS};
 
 /// Mass, first moment and inertia tensor of a rigid body about its frame origin, in body axes ([Gnad 2024], eq. 3–4).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,13 +87,13 @@ impl std::ops::Mul<f64> for Inertia {
     }
 }
 
-/// Number of moving bodies of the assembled robot.
+/// Number of moving bodies of an assembled robot with three limbs, the first of [`SLOTS`].
 pub const BODIES: usize = 14;
-/// Index of the first arm; the arms are bodies 0 to 2.
+/// Index of the first arm; the arms of three limbs are bodies 0 to 2.
 pub const ARM: usize = 0;
-/// Index of the first strut; the struts are bodies 3 to 8, struts 2i and 2i+1 (from 0) belong to limb i.
+/// Index of the first strut; the struts of three limbs are bodies 3 to 8, struts 2i and 2i+1 (from 0) belong to limb i.
 pub const STRUT: usize = ARM + ARMS;
-/// Index of the moving platform.
+/// Index of the moving platform, or of the first part of a plate that carries limbs.
 pub const PLATFORM: usize = STRUT + STRUTS;
 /// Index of the end effector with payload.
 pub const END_EFFECTOR: usize = PLATFORM + 1;
@@ -103,31 +103,98 @@ pub const ROTOR: usize = PLATFORM + 2;
 pub const TELESCOPE_UPPER: usize = PLATFORM + 3;
 /// Index of the lower part of the telescope.
 pub const TELESCOPE_LOWER: usize = PLATFORM + 4;
+/// Arms and struts of the limbs after the third.
+const MORE_ARMS: usize = BODIES;
+const MORE_STRUTS: usize = MORE_ARMS + MAX_LIMBS - ARMS;
+/// Index of the second part of a plate that carries limbs.
+pub const SECOND_PLATFORM: usize = MORE_STRUTS + MAX_STRUTS - STRUTS;
+/// Index of the part of a plate that carries neither limbs nor the end effector.
+pub const LINK: usize = SECOND_PLATFORM + 1;
+/// Number of bodies of all machines together; a machine has those that [`Mechanism::has_body`] states, the others are at
+/// rest and without mass.
+///
+/// [`Mechanism::has_body`]: super::Mechanism::has_body
+pub const SLOTS: usize = LINK + 1;
+
+/// Index of the arm of `limb` (from 0).
+#[inline]
+pub const fn arm(limb: usize) -> usize {
+    if limb < ARMS { ARM + limb } else { MORE_ARMS + limb - ARMS }
+}
+
+/// Index of strut `s` (from 0); struts 2i and 2i+1 belong to limb i.
+#[inline]
+pub const fn strut(s: usize) -> usize {
+    if s < STRUTS { STRUT + s } else { MORE_STRUTS + s - STRUTS }
+}
+
+/// What a body is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BodyKind {
+    /// Arm of a limb (from 0).
+    Arm(usize),
+    /// Strut (from 0).
+    Strut(usize),
+    /// The platform, or a part of the plate (from 0) that carries limbs.
+    Platform(usize),
+    /// The end effector.
+    EndEffector,
+    /// The rotor of motor 4.
+    Rotor,
+    /// The upper part of the telescope.
+    TelescopeUpper,
+    /// The lower part of the telescope.
+    TelescopeLower,
+    /// A part of the plate that carries neither limbs nor the end effector.
+    Link,
+}
+
+/// What body `b` is.
+///
+/// # Panics
+/// If `b` is not below [`SLOTS`].
+pub fn body_kind(b: usize) -> BodyKind {
+    match b {
+        ARM..STRUT => BodyKind::Arm(b - ARM),
+        STRUT..PLATFORM => BodyKind::Strut(b - STRUT),
+        PLATFORM => BodyKind::Platform(0),
+        END_EFFECTOR => BodyKind::EndEffector,
+        ROTOR => BodyKind::Rotor,
+        TELESCOPE_UPPER => BodyKind::TelescopeUpper,
+        TELESCOPE_LOWER => BodyKind::TelescopeLower,
+        MORE_ARMS..MORE_STRUTS => BodyKind::Arm(b - MORE_ARMS + ARMS),
+        MORE_STRUTS..SECOND_PLATFORM => BodyKind::Strut(b - MORE_STRUTS + STRUTS),
+        SECOND_PLATFORM => BodyKind::Platform(1),
+        LINK => BodyKind::Link,
+        _ => panic!("body {b} of {SLOTS}"),
+    }
+}
 
 /// Name of body `b`, e.g. `strut4` (numbered from 1).
 ///
 /// # Panics
-/// If `b` is not below [`BODIES`].
+/// If `b` is not below [`SLOTS`].
 pub fn body_name(b: usize) -> String {
-    match b {
-        ARM..STRUT => format!("arm{}", b - ARM + 1),
-        STRUT..PLATFORM => format!("strut{}", b - STRUT + 1),
-        PLATFORM => "platform".into(),
-        END_EFFECTOR => "end_effector".into(),
-        ROTOR => "rotor".into(),
-        TELESCOPE_UPPER => "telescope_upper".into(),
-        TELESCOPE_LOWER => "telescope_lower".into(),
-        _ => panic!("body {b} of {BODIES}"),
+    match body_kind(b) {
+        BodyKind::Arm(limb) => format!("arm{}", limb + 1),
+        BodyKind::Strut(s) => format!("strut{}", s + 1),
+        BodyKind::Platform(0) => "platform".into(),
+        BodyKind::Platform(part) => format!("platform{}", part + 1),
+        BodyKind::EndEffector => "end_effector".into(),
+        BodyKind::Rotor => "rotor".into(),
+        BodyKind::TelescopeUpper => "telescope_upper".into(),
+        BodyKind::TelescopeLower => "telescope_lower".into(),
+        BodyKind::Link => "link".into(),
     }
 }
 
-/// Inertia of the 14 moving bodies, each about the origin and in the axes of its own frame.
+/// Inertia of the moving bodies, each about the origin and in the axes of its own frame.
 ///
 /// Frames: arm at the shaft, x to the elbow, y along the motor axis; strut at the upper ball, x to the platform ball;
-/// platform at the centre of its ball plane, z up; end effector at the flange centre; rotor and upper part of the
+/// platform at the centre of its ball plane, z up, parts of a plate where [`super::Plate`] places them; end effector at the flange centre; rotor and upper part of the
 /// telescope at the upper Hooke joint, lower part of the telescope at the lower Hooke joint, z up along the bar.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Bodies(pub [Inertia; BODIES]);
+pub struct Bodies(pub [Inertia; SLOTS]);
 
 impl std::ops::Index<usize> for Bodies {
     type Output = Inertia;

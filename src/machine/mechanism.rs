@@ -1,18 +1,21 @@
 //! Kinds of machine, with their axes and parts.
 
 use super::Unit;
+use super::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, strut};
 use super::unit::Powers;
 
 /// The kind of machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mechanism {
-    /// Delta robot with three arms; with a telescope axis 4 turns the end effector, without it the end effector is
-    /// rigidly attached to the platform.
+    /// Delta robot or one of its relatives: limbs with parallel struts that carry a plate. With a telescope axis 4 turns the
+    /// end effector; without it the plate turns it, or it is rigidly attached to the platform.
     Delta {
         /// Whether there is a telescope with its drive.
         telescope: bool,
         /// Joint type of the arms: revolute, or prismatic for carriages on guides.
         arms: Joint,
+        /// Number of limbs, and kind of plate.
+        members: Members,
     },
     /// A single axis on a test bench, without gravity.
     ///
@@ -20,6 +23,28 @@ pub enum Mechanism {
     /// angles stand for metres, torques for newtons and moments of inertia for masses; the equation of motion is the
     /// same. On an axis whose current is recorded, amperes stand for newton metres or newtons.
     Axis(Axis),
+}
+
+/// Limbs and plate of a robot, counted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Members {
+    /// Number of limbs.
+    pub limbs: u8,
+    /// Number of limbs with a drive, the first ones.
+    pub driven: u8,
+    /// Bodies of the plate, see [`Plate::bodies`](super::Plate::bodies).
+    pub plate: &'static [usize],
+}
+
+impl Members {
+    /// Three driven limbs and one platform.
+    pub const DELTA: Self = Self { limbs: super::ARMS as u8, driven: super::ARMS as u8, plate: &[PLATFORM] };
+
+    /// Limbs and plate of a geometry.
+    pub fn of(geometry: &super::Geometry) -> Self {
+        let driven = geometry.limbs.iter().filter(|limb| limb.driven).count();
+        Self { limbs: geometry.limbs.len() as u8, driven: driven as u8, plate: geometry.plate.bodies() }
+    }
 }
 
 /// A single axis.
@@ -65,10 +90,14 @@ pub enum Part {
     Drives,
     /// The drive of the telescope.
     Axis4,
+    /// A fourth drive: the telescope's, or that of a fourth arm.
+    FourthDrive,
     /// Bodies with weight.
     Weight,
     /// Struts and platform with its load, as a closed linkage.
     Linkage,
+    /// Struts as bodies of their own, whose sockets may open and whose length may change.
+    FreeStruts,
     /// The telescope between its drive and the end effector.
     Telescope,
     /// A single turning axis with what it carries.
@@ -84,9 +113,10 @@ impl Part {
     pub fn describe(self) -> &'static str {
         match self {
             Self::Drives => "the drives",
-            Self::Axis4 => "the drive of axis 4",
+            Self::Axis4 | Self::FourthDrive => "the drive of axis 4",
             Self::Weight => "bodies under gravity",
             Self::Linkage => "struts and platform",
+            Self::FreeStruts => "struts as bodies of their own",
             Self::Telescope => "the telescope",
             Self::TurningAxis => "a single turning axis",
             Self::TurningArms => "arms that turn",
@@ -110,8 +140,54 @@ impl Mechanism {
     /// Number of axes without that of the telescope.
     pub fn arms(self) -> usize {
         match self {
-            Self::Delta { .. } => super::ARMS,
+            Self::Delta { members, .. } => members.driven.into(),
             Self::Axis(_) => 1,
+        }
+    }
+
+    /// Number of limbs; one for a single axis.
+    pub fn limbs(self) -> usize {
+        match self {
+            Self::Delta { members, .. } => members.limbs.into(),
+            Self::Axis(_) => 1,
+        }
+    }
+
+    /// Number of struts of the assembled machine.
+    pub fn struts(self) -> usize {
+        match self {
+            Self::Delta { members, .. } => 2 * usize::from(members.limbs),
+            Self::Axis(_) => 0,
+        }
+    }
+
+    /// Whether the plate turns the end effector, by its own coordinate ψ.
+    pub fn plate_turns(self) -> bool {
+        matches!(self, Self::Delta { members, .. } if members.plate.contains(&END_EFFECTOR))
+    }
+
+    /// Whether `body` is a part of the plate.
+    pub fn is_part_of_plate(self, body: usize) -> bool {
+        matches!(self, Self::Delta { members, .. } if members.plate.contains(&body))
+    }
+
+    /// Whether it is a robot with three limbs and one platform, with or without a telescope.
+    pub fn is_delta(self) -> bool {
+        matches!(self, Self::Delta { members: Members::DELTA, .. })
+    }
+
+    /// Whether the machine, assembled, has `body`. The end effector is one on every robot: without a telescope and a plate
+    /// that turns, it is part of the platform.
+    pub fn has_body(self, body: usize) -> bool {
+        let Self::Delta { members, .. } = self else { return body == ARM };
+        match body {
+            END_EFFECTOR => true,
+            ROTOR | TELESCOPE_UPPER | TELESCOPE_LOWER => self.has_telescope(),
+            _ => {
+                members.plate.contains(&body)
+                    || (0..self.limbs()).any(|i| body == arm(i))
+                    || (0..self.struts()).any(|s| body == strut(s))
+            }
         }
     }
 
@@ -126,11 +202,16 @@ impl Mechanism {
         match part {
             Part::Drives => true,
             Part::Axis4 => self.has_telescope(),
+            Part::FourthDrive => self.axes() == 4,
             Part::Weight => delta,
             Part::Linkage => delta && assembled,
             Part::Telescope => self.has_telescope() && assembled,
             Part::TurningAxis => matches!(self, Self::Axis(axis) if axis.joint == Joint::Revolute),
-            Part::Motors => self != Self::LINEAR_DELTA,
+            Part::FreeStruts => self.is_delta() && assembled,
+            Part::Motors => match self {
+                Self::Delta { .. } => self.is_delta() && self.joint() == Joint::Revolute,
+                Self::Axis(_) => true,
+            },
             Part::TurningArms => delta && assembled && self.joint() == Joint::Revolute,
         }
     }
@@ -142,11 +223,11 @@ impl Mechanism {
 
     /// A delta robot whose arms turn.
     pub const fn delta(telescope: bool) -> Self {
-        Self::Delta { telescope, arms: Joint::Revolute }
+        Self::Delta { telescope, arms: Joint::Revolute, members: Members::DELTA }
     }
 
     /// A delta robot whose arms are carriages on guides; it has no telescope.
-    pub const LINEAR_DELTA: Self = Self::Delta { telescope: false, arms: Joint::Prismatic };
+    pub const LINEAR_DELTA: Self = Self::Delta { telescope: false, arms: Joint::Prismatic, members: Members::DELTA };
 
     /// Joint type of its axes, as far as their coordinates are concerned; of a robot that of the arms.
     pub fn joint(self) -> Joint {

@@ -8,25 +8,31 @@ mod geometry;
 mod load;
 mod mechanism;
 mod payload;
+pub mod plate;
 mod setup;
 #[cfg(test)]
 pub(crate) mod testing;
 pub mod unit;
 
 pub use bodies::{Bodies, Inertia};
-pub use geometry::{Actuator, Geometry};
+pub use geometry::{Actuator, Delta, Geometry, Limb, Limbs};
 pub use load::{FREE_FALL, Load};
-pub use mechanism::{Axis, Effort, Joint, Mechanism, Part};
+pub use mechanism::{Axis, Effort, Joint, Mechanism, Members, Part};
 pub use payload::Payload;
+pub use plate::Plate;
 pub use setup::{Configuration, Setup};
 pub use unit::Unit;
 
-/// Number of actuated axes: three arms and the telescope drive.
+/// Most axes of a machine: four arms, or three arms and the telescope drive.
 pub const AXES: usize = 4;
-/// Number of arms.
+/// Number of arms of a delta robot.
 pub const ARMS: usize = 3;
-/// Number of struts.
+/// Number of struts of a delta robot.
 pub const STRUTS: usize = 6;
+/// Most limbs of a machine.
+pub const MAX_LIMBS: usize = 4;
+/// Most struts of a machine.
+pub const MAX_STRUTS: usize = 2 * MAX_LIMBS;
 
 /// Symmetry assumptions about the links of an assembled robot.
 ///

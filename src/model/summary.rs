@@ -1,9 +1,8 @@
 //! Summary of a model in one paragraph.
 
 use super::Model;
-use crate::machine::bodies::{ARM, BODIES, ROTOR, STRUT, body_name};
-use crate::machine::check::home;
-use crate::machine::{ARMS, Axis, Effort, Inertia, Joint, Mechanism, STRUTS};
+use crate::machine::bodies::{BodyKind, SLOTS, body_kind, body_name};
+use crate::machine::{Axis, Effort, Inertia, Joint, Mechanism};
 
 /// Summary of the machine in one paragraph.
 pub fn summary(model: &Model) -> String {
@@ -16,19 +15,27 @@ pub fn summary(model: &Model) -> String {
             format!("a single {joint} axis{unit}")
         }
         Mechanism::Delta { telescope, .. } if model.assembled => {
-            let bodies = if telescope { BODIES } else { BODIES_WITHOUT_TELESCOPE };
-            let without = if telescope { "" } else { " without telescope" };
+            // Without a telescope the end effector is part of the platform.
+            let fixed = usize::from(!telescope && !model.mechanism.plate_turns());
+            let bodies = (0..SLOTS).filter(|&b| model.mechanism.has_body(b)).count() - fixed;
+            let kind = match (model.mechanism.is_delta(), telescope) {
+                (true, true) => "delta mechanism".to_string(),
+                (true, false) => "delta mechanism without telescope".into(),
+                (false, _) => format!("{} limbs and a plate", model.mechanism.limbs()),
+            };
+            let struts = model.mechanism.struts();
             format!(
-                "delta mechanism{without}, assembled; {bodies} bodies, {} freedoms ({axes} driven, {STRUTS} strut spins)",
-                axes + STRUTS
+                "{kind}, assembled; {bodies} bodies, {} freedoms ({axes} driven, {struts} strut spins)",
+                axes + struts
             )
         }
         Mechanism::Delta { telescope, .. } => {
             let rotor = if telescope { " and the rotor" } else { "" };
-            format!("delta mechanism, disassembled; {axes} bodies ({ARMS} arms{rotor}), {axes} freedoms")
+            let arms = model.mechanism.arms();
+            format!("delta mechanism, disassembled; {axes} bodies ({arms} arms{rotor}), {axes} freedoms")
         }
     };
-    if let Some(home) = model.assembled.then(|| home(&model.geometry)).flatten() {
+    if let Some(home) = model.assembled.then(|| model.geometry.home()).flatten() {
         text += &format!(
             "; home pose q = 0: flange {:.4} m below the mounting plane",
             model.geometry.mounting_height - home.flange,
@@ -54,13 +61,10 @@ pub fn summary(model: &Model) -> String {
     text + "."
 }
 
-/// Number of arms, struts and platform with end effector.
-const BODIES_WITHOUT_TELESCOPE: usize = ARMS + STRUTS + 1;
-
 /// The body with the smallest eigenvalue of the pseudo-inertia, among those with inertia, and that eigenvalue.
 fn least_eigenvalue(model: &Model) -> Option<(usize, f64)> {
-    (0..BODIES)
-        .filter(|&b| model.assembled || (ARM..STRUT).contains(&b) || b == ROTOR)
+    (0..SLOTS)
+        .filter(|&b| model.assembled || matches!(body_kind(b), BodyKind::Arm(_) | BodyKind::Rotor))
         .filter(|&b| model.bodies[b] != Inertia::ZERO)
         .map(|b| (b, model.bodies[b].min_eigenvalue()))
         .min_by(|a, b| a.1.total_cmp(&b.1))

@@ -5,7 +5,7 @@ use crate::identification::fit::{FitError, kinematics};
 use crate::identification::prediction::Channels;
 use crate::identification::{Dataset, Residuals, predict};
 use crate::kinematics::motion::SOCKETS;
-use crate::machine::{AXES, Mechanism, Part, STRUTS, Setup};
+use crate::machine::{AXES, Mechanism, STRUTS, Setup};
 use crate::model::Model;
 use crate::recording::{Recording, Signals, sample_time};
 use crate::twin::Clamps;
@@ -141,7 +141,7 @@ impl Sliding {
 
     /// Loads on struts and sockets over the window.
     fn loads(&self, dataset: &Dataset) -> Result<Option<Loads>, FitError> {
-        if !self.plant.has(Part::Linkage) {
+        if !self.plant.is_closed_delta() {
             return Ok(None);
         }
         let clamps = Clamps::watched(&self.model.sockets);

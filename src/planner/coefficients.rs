@@ -11,7 +11,7 @@ use crate::constraint_forces::{Detail, Multipliers, Statics, rigid_loads};
 use crate::dynamics::{Plant, STILL, Twist, add_effects, reads_loads};
 use crate::kinematics::{KinematicsError, Motion};
 use crate::machine::AXES;
-use crate::machine::bodies::BODIES;
+use crate::machine::bodies::SLOTS;
 
 /// Coefficients of the four torques (N·m), λ_E (N·m, N), λ_P and λ_S (N) at a point of a path.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,7 +101,7 @@ impl<'a> Machine<'a> {
                 }
             }
             let [now, next] = [&here, &ahead].map(|motion| {
-                laws(motion, loads.as_ref(), [STILL; BODIES]).map(|wrenches| solver.solve(motion, &wrenches))
+                laws(motion, loads.as_ref(), [STILL; SLOTS]).map(|wrenches| solver.solve(motion, &wrenches))
             });
             let (now, next) = (now?, next?);
             for k in 0..LOADS {
@@ -148,7 +148,7 @@ impl Solver {
         Ok(Self { complete: Statics::of(plant, motion, Detail::Complete)?, reduced })
     }
 
-    fn solve(&self, motion: &Motion, wrenches: &[Twist; BODIES]) -> [f64; LOADS] {
+    fn solve(&self, motion: &Motion, wrenches: &[Twist; SLOTS]) -> [f64; LOADS] {
         let complete = self.complete.solve(&self.complete.loads(motion, wrenches));
         match &self.reduced {
             None => join(&complete, &complete),

@@ -83,7 +83,7 @@ impl PathPoint {
         geometry.check_limits(&self.q[0], &position).map_err(PlaceError::Pose)?;
         let mut axes = Matrix3::zeros();
         for arm in 0..ARMS {
-            let (strut, sine) = geometry.transmission(arm, self.q[0][arm], &position);
+            let (strut, sine) = geometry.transmission(arm, self.q[0][arm], &self.platform(0.0, 0.0));
             if sine < MIN_ARM_SINE {
                 return Err(PlaceError::Stretched { arm, sine, least: MIN_ARM_SINE });
             }

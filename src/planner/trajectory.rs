@@ -44,8 +44,8 @@ pub fn trajectory(
         qdd.push(motion.qdd);
         tau.push(loads.tau);
         ee.push([point.r[0].x, point.r[0].y, point.r[0].z]);
-        upper.push(loads.reactions.upper);
-        lower.push(loads.reactions.lower);
+        upper.push(std::array::from_fn(|s| loads.reactions.upper[s]));
+        lower.push(std::array::from_fn(|s| loads.reactions.lower[s]));
     }
     let mut out = Signals::new(machine.plant().mechanism, times);
     out.set_rows(Channel::Angle, &q);

@@ -99,8 +99,8 @@ pub fn execute(
         rows: planned.signals.q().iter().collect(),
         moving: false,
     };
-    let motion = DesiredMotion::Joints { course: table.course(), geometry: planning.geometry };
-    let all = [true; STRUTS];
+    let motion = DesiredMotion::Joints { course: table.course(), geometry: Box::new(planning.geometry) };
+    let all = std::array::from_fn(|s| s < STRUTS);
     let end = planned.signals.t.last().copied().unwrap_or_default();
     let options = Options {
         duration: end + SETTLING_TIME,

@@ -76,6 +76,8 @@ pub enum Field {
 enum Count {
     /// One per axis of the machine.
     Axes,
+    /// One per strut.
+    Struts,
     Fixed(usize),
 }
 
@@ -87,7 +89,7 @@ const XYZ: [&str; 3] = ["x", "y", "z"];
 /// All families in the order of the columns of a file: a sensor is one row here and one variant of [`Channel`].
 pub const FAMILIES: [Family; 13] = {
     use Channel as C;
-    use Count::{Axes, Fixed};
+    use Count::{Axes, Fixed, Struts};
     const fn row(
         name: &'static str,
         of: fn(usize) -> Channel,
@@ -117,7 +119,7 @@ pub const FAMILIES: [Family; 13] = {
             "strut force",
             C::StrutUpper,
             ("/strut_forces", Field::Effort),
-            (Fixed(STRUTS), false),
+            (Struts, false),
             |s| format!("strut{}_upper", s + 1),
             Unit::N,
         ),
@@ -125,7 +127,7 @@ pub const FAMILIES: [Family; 13] = {
             "strut force",
             C::StrutLower,
             ("/strut_forces", Field::Effort),
-            (Fixed(STRUTS), false),
+            (Struts, false),
             |s| format!("strut{}_lower", s + 1),
             Unit::N,
         ),
@@ -171,6 +173,7 @@ impl Family {
         let of = self.of;
         let count = match self.count {
             Count::Axes => machine.axes(),
+            Count::Struts => machine.struts(),
             Count::Fixed(count) => count,
         };
         (0..count).map(of)

@@ -16,7 +16,7 @@ use nalgebra::Vector3;
 use crate::cell::{Object, Shape};
 use crate::effects::{ActiveEffect, find};
 use crate::kinematics::motion::SOCKETS;
-use crate::machine::{AXES, Payload, STRUTS, Setup};
+use crate::machine::{AXES, MAX_STRUTS, Payload, Setup};
 use crate::model::Model;
 
 /// Integration steps per sample time where a scenario states none.
@@ -177,9 +177,9 @@ pub enum Trip {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sensors {
     /// Struts with a force sensor at the elbow.
-    pub strut_upper: [bool; STRUTS],
+    pub strut_upper: [bool; MAX_STRUTS],
     /// Struts with a force sensor at the platform.
-    pub strut_lower: [bool; STRUTS],
+    pub strut_lower: [bool; MAX_STRUTS],
     /// Position of the centre of the platform's ball plane.
     pub ee: bool,
     /// Joint rates.
@@ -199,7 +199,7 @@ pub struct Sensors {
 impl Default for Sensors {
     /// Only the platform position.
     fn default() -> Self {
-        let none = [false; STRUTS];
+        let none = [false; MAX_STRUTS];
         Self {
             strut_upper: none,
             strut_lower: none,

@@ -21,8 +21,8 @@ use super::wrench::{Load, STILL, Twist};
 use crate::dynamics::Plant;
 use crate::effects::StrutSpring;
 use crate::kinematics::{BodyMotion, JointState, Motion, Reactions, Screw, SocketSet, Telescope};
-use crate::machine::bodies::{ARM, BODIES, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER};
-use crate::machine::{ARMS, AXES, Actuator, Geometry, STRUTS};
+use crate::machine::bodies::{ARM, BODIES, PLATFORM, ROTOR, SLOTS, STRUT, TELESCOPE_LOWER};
+use crate::machine::{ARMS, AXES, Actuator, STRUTS};
 
 /// Per body: position, quaternion at the start of the step, rotation θ since then, velocity, angular velocity (inertial
 /// axes).
@@ -94,7 +94,7 @@ impl Joints {
         plant: &Plant,
         motion: &Motion,
         closed: SocketSet,
-        wrenches: &[Twist; BODIES],
+        wrenches: &[Twist; SLOTS],
         extra: Extra,
     ) -> Result<Solution, SingularPose> {
         let bodies = &motion.bodies;
@@ -146,7 +146,7 @@ impl Joints {
         plant: &Plant,
         motion: &Motion,
         closed: SocketSet,
-        wrenches: &[Twist; BODIES],
+        wrenches: &[Twist; SLOTS],
     ) -> Result<[f64; ROWS], SingularPose> {
         let mut y = vec![0.0; LENGTH];
         if self.springs.is_some() {
@@ -161,7 +161,7 @@ impl Joints {
 
 /// Writes poses and velocities of a motion, and the elongations of its struts.
 pub(super) fn store(y: &mut [f64], plant: &Plant, motion: &Motion) {
-    for (b, m) in motion.bodies.iter().enumerate() {
+    for (b, m) in motion.bodies[..BODIES].iter().enumerate() {
         let orientation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(m.rotation));
         store_body(&mut y[BODY * b..BODY * (b + 1)], &m.position, &orientation, &m.velocity, &m.angular_velocity);
     }
@@ -174,7 +174,7 @@ pub(super) fn store(y: &mut [f64], plant: &Plant, motion: &Motion) {
 /// Writes the velocities of a motion without changing the poses; struts with an open socket keep their elongation
 /// rates.
 pub(super) fn store_velocities(y: &mut [f64], plant: &Plant, motion: &Motion, closed: SocketSet) {
-    for (b, m) in motion.bodies.iter().enumerate() {
+    for (b, m) in motion.bodies[..BODIES].iter().enumerate() {
         let at = &mut y[BODY * b..BODY * (b + 1)];
         at[VELOCITY..OMEGA].copy_from_slice(m.velocity.as_slice());
         at[OMEGA..].copy_from_slice(m.angular_velocity.as_slice());
@@ -196,7 +196,7 @@ pub(super) fn stop(y: &mut [f64]) {
 fn store_stretches(y: &mut [f64], plant: &Plant, motion: &Motion) {
     let rates = rod::length_rates(plant, motion);
     for s in 0..STRUTS {
-        y[STRETCH + s] = motion.strut_length[s] - plant.geometry.strut_length[s / 2];
+        y[STRETCH + s] = motion.strut_length[s] - plant.geometry.limbs[s / 2].strut_length;
         y[STRETCH_RATE + s] = rates[s];
     }
 }
@@ -269,9 +269,9 @@ pub(super) fn motion(plant: &Plant, y: &[f64]) -> Motion {
     }
     for i in 0..ARMS {
         let (arm, x) = (&out.bodies[ARM + i], out.bodies[ARM + i].rotation.column(0));
-        out.q[i] = match geometry.arms {
-            Actuator::Revolute => with_turns((-x.z).atan2(x.dot(&Geometry::radial(i))), out.q[i]),
-            Actuator::Prismatic { .. } => x.dot(&(arm.position - Geometry::radial(i) * geometry.base_radius)),
+        out.q[i] = match geometry.limbs[i].actuator {
+            Actuator::Revolute => with_turns((-x.z).atan2(x.dot(&geometry.limbs[i].radial())), out.q[i]),
+            Actuator::Prismatic { .. } => x.dot(&(arm.position - geometry.limbs[i].shaft())),
         };
         out.qd[i] = out.drive(i).1.rate_of(&out.bodies[ARM + i]);
     }
@@ -281,7 +281,7 @@ pub(super) fn motion(plant: &Plant, y: &[f64]) -> Motion {
     if plant.assembled {
         for s in 0..STRUTS {
             out.strut_axis[s] = out.bodies[STRUT + s].rotation.column(0).into_owned();
-            out.strut_length[s] = geometry.strut_length[s / 2] + y[STRETCH + s];
+            out.strut_length[s] = geometry.limbs[s / 2].strut_length + y[STRETCH + s];
         }
         let lower = &out.bodies[TELESCOPE_LOWER];
         out.telescope = Telescope::between(&lower.position, &lower.velocity, &geometry.upper_hooke());
@@ -301,7 +301,7 @@ fn rate_of_drive(motion: &Motion, axis: usize, y: &[f64]) -> f64 {
 
 /// Accelerations of all bodies, and joint forces.
 pub(super) struct Solution {
-    pub bodies: [Twist; BODIES],
+    pub bodies: [Twist; SLOTS],
     /// Second derivatives of the elongations, m/s².
     stretches: [f64; STRUTS],
     /// Multiplier λ of every row, N or N·m.
@@ -334,7 +334,7 @@ impl Absolute<'_> {
         }
         let Context { plant, torque, closed, .. } = &*self.context;
         let (torque, closed) = (torque.at(t), *closed);
-        let mut pushes = [STILL; BODIES];
+        let mut pushes = [STILL; SLOTS];
         for (axis, torque) in torque.into_iter().enumerate() {
             let (body, screw) = motion.drive(axis);
             screw.push(&mut pushes[body], torque);
@@ -386,7 +386,7 @@ impl Absolute<'_> {
         &self,
         (t, y, motion): (f64, &[f64], &Motion),
         (sum, g): (&[f64], f64),
-        pushes: &mut [Twist; BODIES],
+        pushes: &mut [Twist; SLOTS],
         stretches: Option<&mut Stretches>,
     ) -> [Added; BODIES] {
         let Context { forces, layout, torque, scratch, .. } = &*self.context;

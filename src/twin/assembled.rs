@@ -73,7 +73,7 @@ pub(super) fn store(y: &mut [f64], pose: &Pose, nu: &OpenVector, spin: &[f64; ST
 /// Motion of all bodies at a state, without accelerations.
 pub(super) fn motion(mechanism: &Mechanism, y: &[f64]) -> Motion {
     let (pose, nu, spin) = pose(y);
-    let mut frame = Frame::empty();
+    let mut frame = Frame::empty(&mechanism.geometry);
     mechanism.frame(&pose, &nu, &spin, &mut frame);
     frame.motion
 }
@@ -83,7 +83,7 @@ impl Assembled<'_> {
     ///
     /// An evaluation and the step that starts from it share both.
     fn with_frame<T>(&mut self, t: f64, y: &[f64], start: bool, what: impl FnOnce(&mut Self, &mut Frame) -> T) -> T {
-        let mut frame = self.cache.frame.take().unwrap_or_else(|| Box::new(Frame::empty()));
+        let mut frame = self.cache.frame.take().unwrap_or_else(|| Box::new(Frame::empty(&self.mechanism.geometry)));
         let key = (t, self.context.torque.at(t));
         if !(start && self.cache.fresh == Some(key)) {
             let (mut pose, nu, spin) = pose(y);

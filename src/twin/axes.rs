@@ -1,14 +1,21 @@
-//! Independent axes as a system of differential equations: arms and rotor of a disassembled robot, or a single axis.
+//! The drives' coordinates as a system of differential equations: arms and rotor of a disassembled robot, a single axis, or an
+//! assembled relative of the delta robot with intact sockets.
 //!
-//! Every body rotates about a fixed axis e through its origin, so that the axes are decoupled: with Θ the moment of
-//! inertia about e, h the first moment and M the moments of effects and contacts, Θ·q̈ = τ + e·(M + h × g).
+//! Of a disassembled machine every body rotates about a fixed axis e through its origin, so that the axes are decoupled: with
+//! Θ the moment of inertia about e, h the first moment and M the moments of effects and contacts, Θ·q̈ = τ + e·(M + h × g).
+//! Of an assembled one, with ξ the twists of all bodies per unit rate of each drive, M_b their inertias and w the applied
+//! minus the inertial wrenches at q̈ = 0, (Σ ξᵀ M_b ξ)·q̈ = τ + Σ ξᵀ w.
+
+use nalgebra::Vector4;
 
 use super::SingularPose;
 use super::context::Context;
 use super::integrator::{Stage, System};
-use crate::dynamics::Plant;
+use crate::dynamics::{ChannelMap, Plant, Twist, balance, rigid_wrenches};
 use crate::kinematics::{JointState, Motion};
 use crate::machine::AXES;
+use crate::machine::bodies::SLOTS;
+use crate::recording::Channel;
 
 /// Number of angles and rates, in this order.
 pub(super) const LENGTH: usize = 2 * AXES;
@@ -26,13 +33,63 @@ pub(super) fn store(y: &mut [f64], motion: &Motion) {
 }
 
 /// Motion of all bodies at a state, with given axis accelerations.
-pub(super) fn motion(plant: &Plant, y: &[f64], qdd: [f64; AXES]) -> Motion {
+///
+/// # Errors
+/// [`SingularPose`] if the struts reach no common plate.
+pub(super) fn motion(plant: &Plant, y: &[f64], qdd: [f64; AXES]) -> Result<Motion, SingularPose> {
     let (q, qd) = (std::array::from_fn(|i| y[i]), std::array::from_fn(|i| y[AXES + i]));
-    Motion::disassembled(&plant.geometry, &JointState { q, qd, qdd })
+    plant.motion(&JointState { q, qd, qdd }).map_err(|_| SingularPose)
+}
+
+impl Context {
+    /// Motion at a state of [`Axes`], without accelerations; the arms alone where the struts reach no common plate.
+    pub fn in_drives(&self, y: &[f64]) -> Motion {
+        let joints = JointState {
+            q: std::array::from_fn(|i| y[i]),
+            qd: std::array::from_fn(|i| y[AXES + i]),
+            ..JointState::default()
+        };
+        self.plant.motion(&joints).unwrap_or_else(|_| Motion::disassembled(&self.plant.geometry, &joints))
+    }
 }
 
 /// Implicit terms of a Rosenbrock stage per axis: inertia (kg·m²) and torque (N·m).
 type Implicit = [(f64, f64); AXES];
+
+/// Applied minus inertial wrenches, with the accelerations of `motion`.
+fn total(plant: &Plant, motion: &Motion, applied: &[Twist; SLOTS]) -> [Twist; SLOTS] {
+    let mut all = rigid_wrenches(plant, motion);
+    for (sum, (force, moment)) in all.iter_mut().zip(applied) {
+        sum.0 += force;
+        sum.1 += moment;
+    }
+    all
+}
+
+/// Accelerations of the drives of an assembled machine; `motion` is at q̈ = 0.
+fn coupled(
+    plant: &Plant,
+    motion: &Motion,
+    applied: &[Twist; SLOTS],
+    torque: &[f64; AXES],
+    implicit: &Implicit,
+) -> Result<[f64; AXES], SingularPose> {
+    let axes = plant.mechanism.axes();
+    let map = ChannelMap::new(&plant.geometry, motion, true, &Channel::of_drives(plant.mechanism))
+        .map_err(|_| SingularPose)?;
+    let (mut mass, mut load) = (map.mass(&plant.bodies, motion), [0.0; AXES]);
+    for (body, (force, moment)) in total(plant, motion, applied).iter().enumerate() {
+        (0..axes).for_each(|c| load[c] -= map.project(c, body, force, moment));
+    }
+    for axis in 0..AXES {
+        let (added, push) = implicit[axis];
+        load[axis] += torque[axis] + push;
+        mass[(axis, axis)] += if axis < axes { added } else { 1.0 };
+    }
+    (axes..AXES).for_each(|axis| load[axis] = 0.0);
+    let qdd: Vector4<f64> = mass.cholesky().ok_or(SingularPose)?.solve(&load.into());
+    if qdd.iter().all(|x| x.is_finite()) { Ok(qdd.into()) } else { Err(SingularPose) }
+}
 
 impl Axes<'_> {
     /// Accelerations of the axes, rad/s².
@@ -40,6 +97,15 @@ impl Axes<'_> {
         let torque = self.context.torque.at(t);
         let with_bodies = self.context.forces.read_accelerations();
         self.context.solve(t, y, motion, |plant, wrenches, answer| {
+            if plant.assembled {
+                let qdd = coupled(plant, motion, wrenches, &torque, implicit)?;
+                let moving = self::motion(plant, y, qdd)?;
+                answer.drives = qdd;
+                answer.bodies = moving.bodies.map(|b| (b.acceleration, b.angular_acceleration));
+                let all = total(plant, &moving, wrenches);
+                answer.reactions = balance(plant, &moving, &all).map_err(|_| SingularPose)?.reactions;
+                return Ok(qdd);
+            }
             let mut qdd = [0.0; AXES];
             for axis in 0..plant.mechanism.axes() {
                 let (body, screw) = motion.drive(axis);
@@ -53,7 +119,7 @@ impl Axes<'_> {
             if qdd.iter().all(|x| x.is_finite()) {
                 answer.drives = qdd;
                 if with_bodies {
-                    let moving = self::motion(plant, y, qdd);
+                    let moving = self::motion(plant, y, qdd)?;
                     answer.bodies = moving.bodies.map(|b| (b.acceleration, b.angular_acceleration));
                 }
                 Ok(qdd)
@@ -65,10 +131,10 @@ impl Axes<'_> {
 
     /// Motion of all bodies at a state, with accelerations.
     pub fn evaluate(&mut self, t: f64, y: &[f64]) -> Result<Motion, SingularPose> {
-        let still = motion(&self.context.plant, y, [0.0; AXES]);
+        let still = motion(&self.context.plant, y, [0.0; AXES])?;
         self.context.prepare(t, y, &still);
         let qdd = self.solve(t, y, &still, &Implicit::default())?;
-        Ok(motion(&self.context.plant, y, qdd))
+        motion(&self.context.plant, y, qdd)
     }
 
     fn implicit(&mut self, t: f64, y: &[f64], sum: &[f64], g: f64) -> Implicit {
@@ -88,7 +154,7 @@ impl Axes<'_> {
 impl System for Axes<'_> {
     fn stage(&mut self, stage: &Stage, k: &mut [f64]) -> Result<(), SingularPose> {
         let Stage { t, y, sum, g, first } = *stage;
-        let mut motion = motion(&self.context.plant, y, [0.0; AXES]);
+        let mut motion = motion(&self.context.plant, y, [0.0; AXES])?;
         self.context.prepare(t, y, &motion);
         let implicit = if g > 0.0 {
             if first {

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 
 use crate::kinematics::{Arm, BodyMotion, Motion};
 use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{ARMS, Actuator, Geometry, STRUTS};
+use crate::machine::{ARMS, Actuator, Geometry, Limb, STRUTS};
 
 /// Number of constraint rows.
 pub const ROWS: usize = crate::recording::ROWS;
@@ -27,7 +27,7 @@ pub fn rows(geometry: &Geometry, motion: &Motion) -> [(f64, f64); ROWS] {
     let mut out = Rows { values: [(0.0, 0.0); ROWS], n: 0 };
     let b = &motion.bodies;
     for i in 0..ARMS {
-        out.bearing(geometry, i, &b[ARM + i]);
+        out.bearing(&geometry.limbs[i], &b[ARM + i]);
     }
     let hooke = Moving::fixed(geometry.upper_hooke());
     out.same_point(Moving::point(&b[ROTOR], Vector3::zeros()), hooke);
@@ -35,10 +35,8 @@ pub fn rows(geometry: &Geometry, motion: &Motion) -> [(f64, f64); ROWS] {
     out.normal(Moving::axis(&b[ROTOR], 2), Moving::fixed(Vector3::y()));
     for s in 0..STRUTS {
         let strut = &b[STRUT + s];
-        let pair = geometry.pair_offset(s);
-        let on_arm = Vector3::new(geometry.arm_length, pair, 0.0);
-        let on_platform = Geometry::radial(s / 2) * geometry.platform_radius + Geometry::tangential(s / 2) * pair;
-        let along = Vector3::new(geometry.strut_length[s / 2], 0.0, 0.0);
+        let (on_arm, on_platform) = (geometry.elbow_ball(s), geometry.platform_ball(s));
+        let along = Vector3::new(geometry.limbs[s / 2].strut_length, 0.0, 0.0);
         out.same_point(Moving::point(strut, Vector3::zeros()), Moving::point(&b[ARM + s / 2], on_arm));
         out.same_point(Moving::point(strut, along), Moving::point(&b[PLATFORM], on_platform));
     }
@@ -108,18 +106,18 @@ impl Rows {
     }
 
     /// The bearing of an arm: its shaft, or its guide.
-    fn bearing(&mut self, geometry: &Geometry, limb: usize, arm: &BodyMotion) {
-        let guide = Arm::new(geometry, limb, 0.0);
+    fn bearing(&mut self, limb: &Limb, arm: &BodyMotion) {
+        let guide = Arm::new(limb, 0.0);
         let origin = Moving::point(arm, Vector3::zeros());
-        match geometry.arms {
+        match limb.actuator {
             Actuator::Revolute => {
                 self.same_point(origin, Moving::fixed(guide.origin));
-                self.normal(Moving::axis(arm, 1), Moving::fixed(Geometry::radial(limb)));
+                self.normal(Moving::axis(arm, 1), Moving::fixed(limb.radial()));
                 self.normal(Moving::axis(arm, 1), Moving::fixed(Vector3::z()));
             }
             Actuator::Prismatic { .. } => {
                 let offset = origin.minus(&Moving::fixed(guide.origin));
-                self.normal(offset, Moving::fixed(Geometry::tangential(limb)));
+                self.normal(offset, Moving::fixed(limb.tangential()));
                 self.normal(offset, Moving::fixed(guide.z));
                 for (own, fixed) in [(1, guide.x), (1, guide.z), (0, guide.z)] {
                     self.normal(Moving::axis(arm, own), Moving::fixed(fixed));

@@ -18,7 +18,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::wrench::Twist;
 use crate::cell::{CellError, Object};
 use crate::kinematics::{Motion, SocketSet};
-use crate::machine::bodies::BODIES;
+use crate::machine::bodies::SLOTS;
 use crate::machine::{Bodies, Geometry, Inertia};
 use crate::scenario::PayloadShape;
 
@@ -39,12 +39,12 @@ pub trait Contacts {
     ///
     /// The opposite loads act on the objects in the next [`Self::advance`]. Momentum is conserved if the twin changes
     /// the wrenches linearly from those of the previous call to these over that step.
-    fn wrenches(&mut self, motion: &Motion, closed: SocketSet) -> &[Twist; BODIES];
+    fn wrenches(&mut self, motion: &Motion, closed: SocketSet) -> &[Twist; SLOTS];
 
     /// Resistance of the contacts on each of the robot's bodies at the last [`Self::wrenches`], for the same `motion`;
     /// a coupling between two bodies is left out. `None` if an object that moves was near at the last [`Self::near`], or
     /// if the solver does not know it.
-    fn resistances(&mut self, _motion: &Motion) -> Option<&[Resistance; BODIES]> {
+    fn resistances(&mut self, _motion: &Motion) -> Option<&[Resistance; SLOTS]> {
         None
     }
 

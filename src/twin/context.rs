@@ -13,8 +13,8 @@ use super::torque::Torque;
 use super::wrench::{Load, STILL, Twist};
 use crate::dynamics::Plant;
 use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
-use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT};
-use crate::machine::{ARMS, AXES, STRUTS};
+use crate::machine::bodies::{END_EFFECTOR, PLATFORM, SLOTS, STRUT};
+use crate::machine::{ARMS, AXES, MAX_STRUTS, STRUTS};
 use crate::numerics::{Anderson, worst};
 
 /// Change of the solution below which the iteration over laws that depend on it stops, N, rad/s² or m/s².
@@ -32,7 +32,7 @@ pub(super) struct Answer {
     /// Acceleration of the platform, m/s².
     pub platform: Vector3<f64>,
     /// Accelerations of all bodies, m/s² and rad/s²; zero unless a law depends on accelerations.
-    pub bodies: [Twist; BODIES],
+    pub bodies: [Twist; SLOTS],
 }
 
 impl Default for Answer {
@@ -41,7 +41,7 @@ impl Default for Answer {
             reactions: Reactions::default(),
             drives: [0.0; AXES],
             platform: Vector3::zeros(),
-            bodies: [STILL; BODIES],
+            bodies: [STILL; SLOTS],
         }
     }
 }
@@ -68,15 +68,12 @@ impl Answer {
 
     /// The answer with these numbers.
     fn of(numbers: &Numbers) -> Self {
-        let (forces, accelerations) = numbers.as_slice().split_at(2 * STRUTS);
+        let (forces, accelerations) = numbers.as_slice().split_at(2 * MAX_STRUTS);
         let (drives, bodies) = accelerations.split_at(AXES);
         let vector = |at: usize| Vector3::from_column_slice(&bodies[at..at + 3]);
-        let bodies: [Twist; BODIES] = std::array::from_fn(|b| (vector(6 * b), vector(6 * b + 3)));
+        let bodies: [Twist; SLOTS] = std::array::from_fn(|b| (vector(6 * b), vector(6 * b + 3)));
         Self {
-            reactions: Reactions {
-                upper: std::array::from_fn(|s| forces[s]),
-                lower: std::array::from_fn(|s| forces[STRUTS + s]),
-            },
+            reactions: Reactions::of(&forces[..MAX_STRUTS], &forces[MAX_STRUTS..]),
             drives: std::array::from_fn(|axis| drives[axis]),
             platform: bodies[PLATFORM].0,
             bodies,
@@ -85,7 +82,7 @@ impl Answer {
 }
 
 /// The numbers of an [`Answer`].
-type Numbers = SVector<f64, { 2 * STRUTS + AXES + 6 * BODIES }>;
+type Numbers = SVector<f64, { 2 * MAX_STRUTS + AXES + 6 * SLOTS }>;
 
 /// Buffers that are kept during a run.
 pub(super) struct Scratch {
@@ -99,14 +96,14 @@ pub(super) struct Scratch {
     /// Number of Newton corrections of the loop closure so far.
     pub corrections: usize,
     /// Wrenches that do not depend on the solution, without the drives.
-    pub wrenches: [Twist; BODIES],
+    pub wrenches: [Twist; SLOTS],
     /// All wrenches of the last evaluation, without the drives, where laws depend on the solution.
-    total: [Twist; BODIES],
+    total: [Twist; SLOTS],
     /// Damping in W for the present step.
     pub damping: Damping,
     /// Resistance of contacts in W for the present step, and whether there is any: contacts are evaluated at every
     /// stage.
-    pub resistances: Box<[Resistance; BODIES]>,
+    pub resistances: Box<[Resistance; SLOTS]>,
     pub resisted: bool,
     /// Loads on the rotors of elastic gears; those that do not depend on the solution are in `resting`.
     pub motors: Motors,
@@ -132,10 +129,10 @@ impl Scratch {
             unconverged: 0.0,
             solutions: 0,
             corrections: 0,
-            wrenches: [STILL; BODIES],
-            total: [STILL; BODIES],
+            wrenches: [STILL; SLOTS],
+            total: [STILL; SLOTS],
             damping: Damping::default(),
-            resistances: Box::new([Resistance::NONE; BODIES]),
+            resistances: Box::new([Resistance::NONE; SLOTS]),
             resisted: false,
             motors: Motors::default(),
             resting: [0.0; ARMS],
@@ -166,7 +163,7 @@ pub(super) struct Context {
 
 impl Context {
     /// All wrenches of the last evaluation, without the drives.
-    pub fn loads(&self) -> &[Twist; BODIES] {
+    pub fn loads(&self) -> &[Twist; SLOTS] {
         if self.forces.read_answer() { &self.scratch.total } else { &self.scratch.wrenches }
     }
 
@@ -178,7 +175,7 @@ impl Context {
     pub fn prepare(&mut self, t: f64, y: &[f64], motion: &Motion) {
         let scene = self.scene(t, y);
         let scratch = &mut self.scratch;
-        scratch.wrenches = if self.external.is_none() { [STILL; BODIES] } else { self.external.at(t) };
+        scratch.wrenches = if self.external.is_none() { [STILL; SLOTS] } else { self.external.at(t) };
         let (wrenches, powers) = (&mut scratch.wrenches, &mut scratch.powers);
         let reactions = &scratch.answer.reactions;
         scratch.resting = [0.0; ARMS];
@@ -207,7 +204,7 @@ impl Context {
         t: f64,
         y: &[f64],
         motion: &Motion,
-        mut equations: impl FnMut(&Plant, &[Twist; BODIES], &mut Answer) -> Result<S, SingularPose>,
+        mut equations: impl FnMut(&Plant, &[Twist; SLOTS], &mut Answer) -> Result<S, SingularPose>,
     ) -> Result<S, SingularPose> {
         if !self.forces.read_answer() {
             let scratch = &mut self.scratch;
@@ -310,7 +307,7 @@ impl Context {
 }
 
 /// Without a telescope the end effector is part of the platform, and so are the loads on it.
-fn carry(plant: &Plant, motion: &Motion, wrenches: &mut [Twist; BODIES]) {
+fn carry(plant: &Plant, motion: &Motion, wrenches: &mut [Twist; SLOTS]) {
     if !plant.mechanism.has_telescope() {
         let lever = motion.bodies[END_EFFECTOR].position - motion.bodies[PLATFORM].position;
         let (force, moment) = std::mem::replace(&mut wrenches[END_EFFECTOR], STILL);

@@ -29,6 +29,10 @@ impl Gains {
     pub fn of(model: &Model) -> Self {
         let gains = Self::default();
         match model.mechanism {
+            // A fourth arm is an arm; the fourth gains are the telescope's.
+            Mechanism::Delta { .. } if model.mechanism.arms() == AXES => {
+                Self { proportional: [gains.proportional[0]; AXES], derivative: [gains.derivative[0]; AXES], ..gains }
+            }
             Mechanism::Delta { .. } => gains,
             Mechanism::Axis(_) => {
                 let share = model.bodies[ARM].tensor[(1, 1)] / ARM_INERTIA;

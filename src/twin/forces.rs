@@ -6,7 +6,7 @@ use super::wrench::{STILL, Twist};
 use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, GearSpring, Instant, Kind, Part, Wrenches};
 use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, Screw, SocketSet};
-use crate::machine::bodies::{BODIES, STRUT};
+use crate::machine::bodies::{SLOTS, STRUT};
 use crate::machine::{ARMS, AXES, STRUTS};
 use crate::numerics::tanh;
 
@@ -32,7 +32,7 @@ pub(super) struct Evaluation<'a> {
 /// Accumulators of an evaluation.
 pub(super) struct Sums<'a> {
     /// Wrenches on the bodies, N and N·m.
-    pub wrenches: &'a mut [Twist; BODIES],
+    pub wrenches: &'a mut [Twist; SLOTS],
     /// Torques on the rotors of elastic gears, N·m.
     pub motors: &'a mut [f64; ARMS],
     /// Power of each effect on the bodies, W.
@@ -216,7 +216,7 @@ impl Forces {
                 continue;
             }
             if let (true, Some(moved)) = (self.at_motors[k], &moved) {
-                let mut own = [STILL; BODIES];
+                let mut own = [STILL; SLOTS];
                 let mut out = Wrenches::sum(&active.values, motion, &mut own);
                 let instant = self.instant(k, &Evaluation { motion: moved, ..*at });
                 active.effect.wrenches(&active.values(), &instant, &mut out);
@@ -242,7 +242,7 @@ impl Forces {
     }
 
     /// Adds the brake torques −T·tanh(k·q̇) and returns their power, W.
-    pub fn add_brakes(&self, motion: &Motion, wrenches: &mut [Twist; BODIES]) -> f64 {
+    pub fn add_brakes(&self, motion: &Motion, wrenches: &mut [Twist; SLOTS]) -> f64 {
         let mut power = 0.0;
         if self.brake > 0.0 {
             for axis in 0..AXES {
@@ -362,7 +362,7 @@ impl Forces {
         motion: &mut Motion,
         freedom: Freedom,
         effects: &[usize],
-    ) -> [[Twist; BODIES]; 2] {
+    ) -> [[Twist; SLOTS]; 2] {
         let (qd, bodies) =
             (motion.qd, std::array::from_fn::<_, STRUTS, _>(|s| motion.bodies[STRUT + s].angular_velocity));
         [0.0, RATE].map(|rate| {
@@ -374,7 +374,7 @@ impl Forces {
                     }
                 }
             }
-            let mut out = [STILL; BODIES];
+            let mut out = [STILL; SLOTS];
             let moved = self.at_motors.contains(&true).then(|| self.of_motors(scene, motion, &[0.0; ARMS]));
             for &e in effects {
                 let motion = moved.as_ref().filter(|_| self.at_motors[e]).unwrap_or(motion);
@@ -394,14 +394,14 @@ impl Forces {
     /// Effects whose wrenches depend on the rates of drives and of spins, determined by evaluation.
     fn damping_effects(&self, plant: &Plant) -> [Vec<usize>; 2] {
         let mut motion = Motion::disassembled(&plant.geometry, &JointState::default());
-        motion.strut_axis = [Vector3::z(); STRUTS];
+        motion.strut_axis.fill(Vector3::z());
         motion.telescope.length = 1.0;
         motion.qd = [0.01; AXES];
         for s in 0..STRUTS {
             motion.bodies[STRUT + s].angular_velocity = Vector3::new(0.3, 0.2, 0.1);
         }
         let own: Vec<f64> = plant.effects.iter().flat_map(|a| a.initial_state()).collect();
-        let reactions = Reactions { upper: [100.0; STRUTS], lower: [100.0; STRUTS] };
+        let reactions = Reactions::of(&[100.0; STRUTS], &[100.0; STRUTS]);
         let scene = Scene { t: 0.0, own: &own, torque: [1.0; AXES], closed: SocketSet::ALL };
         [Freedom::Drives, Freedom::Spins].map(|freedom| {
             (0..plant.effects.len())
@@ -423,7 +423,7 @@ impl Forces {
         reactions: &Reactions,
         damping: &mut Damping,
     ) {
-        let slope = |[base, moved]: &[[Twist; BODIES]; 2], body: usize, screw: &Screw| {
+        let slope = |[base, moved]: &[[Twist; SLOTS]; 2], body: usize, screw: &Screw| {
             ((screw.effort(&base[body]) - screw.effort(&moved[body])) / RATE).max(0.0)
         };
         (damping.drives, damping.motors) = ([0.0; AXES], [0.0; ARMS]);

@@ -21,7 +21,7 @@ use super::{SingularPose, energy};
 use crate::dynamics::Plant;
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{BodyMotion, KinematicsError, Motion, Reactions, SocketSet};
-use crate::machine::bodies::{BODIES, END_EFFECTOR};
+use crate::machine::bodies::{END_EFFECTOR, SLOTS};
 use crate::machine::{ARMS, AXES, Inertia};
 use crate::scenario::Formulation;
 
@@ -39,7 +39,7 @@ pub struct Snapshot {
     /// Force on each strut at its sockets (six upper, six lower), N, inertial axes.
     pub sockets: [Vector3<f64>; SOCKETS],
     /// Applied wrenches on all bodies, including the drive torques.
-    wrenches: [Twist; BODIES],
+    wrenches: [Twist; SLOTS],
     /// Multiplier λ of every row; `None` in the eliminated formulation.
     multipliers: Option<[f64; ROWS]>,
 }
@@ -108,11 +108,12 @@ impl Twin {
 
     fn eliminated(plant: Plant, motion: &Motion) -> Result<Self, SingularPose> {
         let forces = Forces::new(&plant);
-        let length = if plant.assembled { assembled::LENGTH } else { axes::LENGTH };
+        let (loops, closed) = (plant.is_closed_delta(), plant.sockets());
+        let length = if loops { assembled::LENGTH } else { axes::LENGTH };
         let layout = Layout::new(length, forces.states(), plant.effects.len());
         let mut y = vec![0.0; layout.len()];
         let mut elastic = false;
-        let form = if plant.assembled {
+        let form = if loops {
             let mechanism = Mechanism::new(&plant);
             let (mut pose, mut nu, spin) = mechanism.pose(motion);
             mechanism.close(&mut pose, &mut nu)?;
@@ -138,7 +139,7 @@ impl Twin {
                 layout,
                 torque: Torque::default(),
                 external: Load::NONE,
-                closed: SocketSet::ALL,
+                closed,
             },
             t: 0.0,
             y,
@@ -195,7 +196,7 @@ impl Twin {
         context.torque = *torque;
         let steep = context.forces.are_gears_steep(ROS34PW2.gamma * h);
         // Struts with an open socket may spin, and their restraint is stiff.
-        let calm = *smooth && context.external.is_none() && context.closed == SocketSet::ALL;
+        let calm = *smooth && context.external.is_none() && context.closed == context.plant.sockets();
         let tableau: &'static Tableau = if calm && !steep { &RK4 } else { &ROS34PW2 };
         match form {
             Form::Assembled(mechanism, cache) => {
@@ -242,7 +243,10 @@ impl Twin {
                 multipliers = Some(solution.multipliers);
                 (motion, solution.reactions, solution.socket_force)
             }
-            Form::Axes => (Axes { context }.evaluate(*t, y)?, Reactions::default(), [Vector3::zeros(); SOCKETS]),
+            Form::Axes => {
+                let motion = Axes { context }.evaluate(*t, y)?;
+                (motion, context.scratch.answer.reactions, [Vector3::zeros(); SOCKETS])
+            }
         };
         let mut wrenches = *self.context.loads();
         for (axis, torque) in torque.at(self.t).into_iter().enumerate() {
@@ -266,7 +270,7 @@ impl Twin {
         match &self.form {
             Form::Assembled(mechanism, _) => assembled::motion(mechanism, &self.y),
             Form::Absolute(_) => absolute::motion(&self.context.plant, &self.y),
-            Form::Axes => axes::motion(&self.context.plant, &self.y, [0.0; AXES]),
+            Form::Axes => self.context.in_drives(&self.y),
         }
     }
 
@@ -289,7 +293,7 @@ impl Twin {
         let context = &mut self.context;
         let motion = match &self.form {
             Form::Assembled(mechanism, _) => assembled::motion(mechanism, &self.y),
-            Form::Axes => axes::motion(&context.plant, &self.y, [0.0; AXES]),
+            Form::Axes => context.in_drives(&self.y),
             Form::Absolute(_) => return Ok(()),
         };
         let layout = Layout::new(absolute::LENGTH, context.forces.states(), context.plant.effects.len());
@@ -322,6 +326,11 @@ impl Twin {
         }
     }
 
+    /// Whether all sockets are closed.
+    pub fn is_whole(&self) -> bool {
+        self.context.closed == self.context.plant.sockets()
+    }
+
     /// Closed sockets.
     pub fn closed(&self) -> SocketSet {
         self.context.closed
@@ -340,7 +349,7 @@ impl Twin {
         let mut joined = self.context.plant.clone();
         let (carrier, inertia) = joined.carrier(END_EFFECTOR, *inertia);
         joined.bodies[carrier] += inertia;
-        let mut impulses = [STILL; BODIES];
+        let mut impulses = [STILL; SLOTS];
         let lever = motion.bodies[carrier].position - motion.bodies[END_EFFECTOR].position;
         let velocity = twist.0 + twist.1.cross(&lever);
         let brought = BodyMotion { velocity, angular_velocity: twist.1, ..motion.bodies[carrier] };
@@ -443,8 +452,8 @@ impl Twin {
     }
 
     /// Present external wrenches.
-    pub fn external_now(&self) -> [Twist; BODIES] {
-        if self.context.external.is_none() { [STILL; BODIES] } else { self.context.external.at(self.t) }
+    pub fn external_now(&self) -> [Twist; SLOTS] {
+        if self.context.external.is_none() { [STILL; SLOTS] } else { self.context.external.at(self.t) }
     }
 
     /// Applies brakes on all drives that resist motion with up to `torque` N·m.

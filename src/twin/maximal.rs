@@ -42,7 +42,7 @@ use super::state::{BodyState, rotation};
 use crate::dynamics::Plant;
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{BodyMotion, Reactions, SocketSet};
-use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER};
+use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, SLOTS, STRUT, TELESCOPE_LOWER};
 use crate::machine::{Bodies, Inertia, STRUTS};
 use crate::numerics::worst;
 
@@ -54,7 +54,7 @@ pub type Pair = (Vector3<f64>, Vector3<f64>);
 #[derive(Clone, Debug)]
 pub struct Solution {
     /// Acceleration of the origin (m/s²) and angular acceleration (rad/s²) of every body, inertial axes.
-    pub bodies: [Pair; BODIES],
+    pub bodies: [Pair; SLOTS],
     /// Multiplier λ of every row in the order of [`rows`](super::constraints::rows), N or N·m; zero at open sockets.
     /// Joint forces are −Gᵀ·λ.
     pub multipliers: [f64; ROWS],
@@ -65,7 +65,7 @@ pub struct Solution {
 impl Solution {
     const NONE: Self = {
         const NOTHING: Pair = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0.));
-        Self { bodies: [NOTHING; BODIES], multipliers: [0.0; ROWS], stretches: [0.0; STRUTS] }
+        Self { bodies: [NOTHING; SLOTS], multipliers: [0.0; ROWS], stretches: [0.0; STRUTS] }
     };
 }
 
@@ -176,9 +176,9 @@ impl MaximalCoordinates {
     pub fn solve(
         &mut self,
         plant: &Plant,
-        bodies: &[BodyMotion; BODIES],
+        bodies: &[BodyMotion; SLOTS],
         closed: SocketSet,
-        wrenches: &[Pair; BODIES],
+        wrenches: &[Pair; SLOTS],
         damping: Option<&[Added; BODIES]>,
     ) -> Result<&Solution, SingularPose> {
         self.solve_with(plant, bodies, closed, wrenches, Extra { damping, stretches: None })
@@ -188,9 +188,9 @@ impl MaximalCoordinates {
     pub(super) fn solve_with(
         &mut self,
         plant: &Plant,
-        bodies: &[BodyMotion; BODIES],
+        bodies: &[BodyMotion; SLOTS],
         closed: SocketSet,
-        wrenches: &[Pair; BODIES],
+        wrenches: &[Pair; SLOTS],
         Extra { damping, stretches }: Extra,
     ) -> Result<&Solution, SingularPose> {
         let gravity = plant.gravity_vector();
@@ -222,9 +222,9 @@ impl MaximalCoordinates {
         &mut self,
         plant: &Plant,
         before: &Bodies,
-        bodies: &[BodyMotion; BODIES],
+        bodies: &[BodyMotion; SLOTS],
         closed: SocketSet,
-        impulses: &[Pair; BODIES],
+        impulses: &[Pair; SLOTS],
     ) -> Result<&Solution, SingularPose> {
         self.0.prepare(plant, bodies, closed, None, None)?;
         let loads = std::array::from_fn(|b| {
@@ -308,10 +308,11 @@ impl MaximalCoordinates {
     }
 
     /// Axial strut forces from the last solution, tension positive, N; `bodies` as passed to it.
-    pub fn axial_forces(&self, bodies: &[BodyMotion; BODIES]) -> Reactions {
+    pub fn axial_forces(&self, bodies: &[BodyMotion; SLOTS]) -> Reactions {
         let forces = self.socket_forces();
         let along = |s: usize, k: usize| bodies[STRUT + s].rotation.column(0).dot(&forces[k]);
-        Reactions { upper: std::array::from_fn(|s| -along(s, s)), lower: std::array::from_fn(|s| along(s, STRUTS + s)) }
+        let upper: [f64; STRUTS] = std::array::from_fn(|s| -along(s, s));
+        Reactions::of(&upper, &std::array::from_fn::<_, STRUTS, _>(|s| along(s, STRUTS + s)))
     }
 
     /// −Gᵀ·λ of one joint on one body.
@@ -338,13 +339,13 @@ impl Workspace {
     fn prepare(
         &mut self,
         plant: &Plant,
-        bodies: &[BodyMotion; BODIES],
+        bodies: &[BodyMotion; SLOTS],
         closed: SocketSet,
         damping: Option<&[Added; BODIES]>,
         stretches: Option<&Stretches>,
     ) -> Result<(), SingularPose> {
-        let rigid = &plant.geometry.strut_length;
-        let lengths = std::array::from_fn(|s| stretches.map_or(rigid[s / 2], |all| all[s].length()));
+        let rigid = |s: usize| plant.geometry.limbs[s / 2].strut_length;
+        let lengths = std::array::from_fn(|s| stretches.map_or(rigid(s), |all| all[s].length()));
         self.rows.fill(&plant.geometry, &lengths, bodies, closed);
         self.regularised = false;
         self.closed = closed;
@@ -563,17 +564,13 @@ pub(super) fn momentum(inertia: &Inertia, b: &BodyMotion) -> Pair {
     (b.velocity * inertia.mass + b.angular_velocity.cross(&h), h.cross(&b.velocity) + spin)
 }
 
-fn motions(bodies: &[BodyState; BODIES]) -> [BodyMotion; BODIES] {
-    bodies.map(|b| {
+fn motions(bodies: &[BodyState; BODIES]) -> [BodyMotion; SLOTS] {
+    let mut out = [BodyMotion::REST; SLOTS];
+    for (out, b) in out.iter_mut().zip(bodies) {
         let rotation = rotation(&b.orientation);
-        BodyMotion {
-            rotation,
-            position: b.position,
-            velocity: b.velocity,
-            angular_velocity: rotation * b.angular_velocity,
-            ..BodyMotion::REST
-        }
-    })
+        out.place(rotation, b.position, b.velocity, rotation * b.angular_velocity);
+    }
+    out
 }
 
 fn six(p: &Pair) -> Six {

@@ -183,7 +183,7 @@ mod tests {
     fn links_follow_measured_angles() {
         // Struts of 0.45 m do not reach from arms that are this far apart: the elbows' circle has a radius of 0.51 m.
         let mut model = irb360();
-        model.geometry.strut_length = [0.45; 3];
+        model.geometry.limbs.iter_mut().for_each(|limb| limb.strut_length = 0.45);
         let plant = Plant::new(&model, &Setup::default());
         let mut links = Links::new(&model, &Setup::default());
         let angle = |t: f64| [1.2 + t, 1.2, 1.2 - t, 2.0 * t];

@@ -8,8 +8,8 @@ use super::trace::{Dislocation, Impact, Sample, TripCause};
 use crate::cell::CellError;
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{KinematicsError, Reactions, SocketSet};
-use crate::machine::bodies::{BODIES, END_EFFECTOR};
-use crate::machine::{AXES, STRUTS};
+use crate::machine::bodies::{END_EFFECTOR, SLOTS};
+use crate::machine::{AXES, MAX_STRUTS};
 
 /// Poses and forces at one time.
 #[derive(Clone, Debug)]
@@ -21,13 +21,13 @@ pub struct Frame {
     /// Torques at the gear outputs, N·m.
     pub tau: [f64; AXES],
     /// Poses of the body frames in the inertial frame.
-    pub bodies: [Isometry3<f64>; BODIES],
+    pub bodies: [Isometry3<f64>; SLOTS],
     /// Poses of the objects, in the order of [`super::Options::objects`].
     pub objects: Vec<Isometry3<f64>>,
     /// Closed sockets.
     pub closed: SocketSet,
     /// Axial forces at the elbow ends and at the platform ends of the struts, tension positive, N.
-    pub strut_force: [[f64; STRUTS]; 2],
+    pub strut_force: [[f64; MAX_STRUTS]; 2],
     /// Remaining force margin of each socket, N; zero once open.
     pub socket_margin: [f64; SOCKETS],
     /// Contacts of the robot since the previous frame: of every pair the strongest.
@@ -258,6 +258,14 @@ pub enum SimulationError {
     Load {
         /// Why, and what was expected.
         what: &'static str,
+    },
+    /// A force sensor is on a strut that the machine does not have.
+    #[error("`sensors` names strut {strut}; expected one of the machine's {struts}")]
+    NoStrut {
+        /// The strut, from 1.
+        strut: usize,
+        /// Number of struts of the machine.
+        struts: usize,
     },
     /// The run requires parts that the machine does not have.
     #[error("{what} need struts and platform, which this machine does not have")]

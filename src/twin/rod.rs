@@ -1,11 +1,9 @@
 //! Mass model of a strut as a rod between its balls, shared by both formulations of an elastic strut.
 
-use nalgebra::Vector3;
-
 use crate::dynamics::Plant;
 use crate::kinematics::Motion;
 use crate::machine::bodies::{PLATFORM, STRUT};
-use crate::machine::{Geometry, Inertia, STRUTS};
+use crate::machine::{Inertia, STRUTS};
 
 /// Masses of a rod whose velocity is linear from the upper ball a to the lower ball b:
 /// T = ½·m_aa·v_a² + m_ab·v_a·v_b + ½·m_bb·v_b², the integrals of (1 − ξ)², ξ·(1 − ξ) and ξ² over its mass.
@@ -41,7 +39,7 @@ impl Rod {
 
     /// Rods of all six struts of a machine.
     pub fn all(plant: &Plant) -> [Self; STRUTS] {
-        std::array::from_fn(|s| Self::new(&plant.bodies[STRUT + s], plant.geometry.strut_length[s / 2]))
+        std::array::from_fn(|s| Self::new(&plant.bodies[STRUT + s], plant.geometry.limbs[s / 2].strut_length))
     }
 
     /// Inertia about the upper ball at another length (m), in the strut's frame.
@@ -76,12 +74,7 @@ pub(super) fn length_rates(plant: &Plant, motion: &Motion) -> [f64; STRUTS] {
     let platform = &motion.bodies[PLATFORM];
     std::array::from_fn(|s| {
         let (u, upper) = (motion.strut_axis[s], &motion.bodies[STRUT + s]);
-        let ball = platform.rotation * platform_ball(&plant.geometry, s);
+        let ball = platform.rotation * plant.geometry.platform_ball(s);
         u.dot(&(platform.velocity + platform.angular_velocity.cross(&ball) - upper.velocity))
     })
-}
-
-/// Ball of strut `s` in the platform's frame, m.
-pub(super) fn platform_ball(g: &Geometry, s: usize) -> Vector3<f64> {
-    Geometry::radial(s / 2) * g.platform_radius + Geometry::tangential(s / 2) * g.pair_offset(s)
 }

@@ -8,7 +8,6 @@ use super::Snapshot;
 use super::constraints::ROWS;
 use super::controller::quantised;
 use crate::kinematics::motion::SOCKETS;
-use crate::machine::bodies::PLATFORM;
 use crate::machine::{AXES, Setup};
 use crate::model::Model;
 use crate::recording::{Channel, FAMILIES, Signals};
@@ -104,7 +103,7 @@ impl<'a> Sensors<'a> {
                 Channel::LinkRate(i) => snapshot.motion.qd[i],
                 Channel::StrutUpper(s) => snapshot.reactions.upper[s],
                 Channel::StrutLower(s) => snapshot.reactions.lower[s],
-                Channel::EndEffector(k) => snapshot.motion.bodies[PLATFORM].position[k],
+                Channel::EndEffector(k) => snapshot.motion.origin(&self.model.geometry.plate)[k],
                 Channel::SocketMargin(s) => margins[s],
                 Channel::Multiplier(row) => multipliers.map_or(0.0, |lambda| lambda[row]),
                 Channel::Load(_) => *load,

@@ -21,8 +21,8 @@ use super::{
 };
 use crate::dynamics::Plant;
 use crate::kinematics::motion::SOCKETS;
-use crate::kinematics::{JointState, Motion, SocketSet, Target};
-use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM};
+use crate::kinematics::{JointState, Motion, Target};
+use crate::machine::bodies::{END_EFFECTOR, PLATFORM, SLOTS};
 use crate::machine::{AXES, Configuration, Inertia, Mechanism, STRUTS, Setup, Unit};
 use crate::model::Model;
 use crate::numerics::worst;
@@ -163,7 +163,7 @@ struct Run<'a> {
     tripped: bool,
     checkpoint: Checkpoint,
     /// Contact wrenches at the present time.
-    contact: [Twist; BODIES],
+    contact: [Twist; SLOTS],
     /// Contacts since the last frame, of every pair the strongest; without frames none.
     strongest: Vec<Touch>,
     /// Contacts and stops so far, with the time of the last one, s.
@@ -255,9 +255,7 @@ impl<'a> Run<'a> {
     /// An intact robot must not become singular; a broken one may end its run in a singular pose.
     fn stuck(&mut self, t: f64) -> Result<bool, SimulationError> {
         let failure = self.failure(t);
-        if self.twin.closed() == SocketSet::ALL
-            || !matches!(failure, SimulationError::Singular { cause: Cause::Rank, .. })
-        {
+        if self.twin.is_whole() || !matches!(failure, SimulationError::Singular { cause: Cause::Rank, .. }) {
             return Err(failure);
         }
         self.event(t, EventKind::Singular, "the broken mechanism reached a pose without a unique motion");
@@ -282,7 +280,7 @@ impl<'a> Run<'a> {
         // The length of an elastic strut is not a constraint.
         let rigid = plant.effects.iter().all(|a| a.strut_spring().is_none());
         let report = &mut self.report;
-        let joints = plant.assembled.then(|| constraints::rows(&plant.geometry, &snapshot.motion));
+        let joints = plant.is_closed_delta().then(|| constraints::rows(&plant.geometry, &snapshot.motion));
         for (row, (gap, rate)) in joints.into_iter().flatten().enumerate() {
             let holds = constraints::socket(row).is_none_or(|s| closed.contains(s) && (rigid || s < STRUTS));
             if holds {
@@ -297,7 +295,8 @@ impl<'a> Run<'a> {
             }
         }
         report.see_strut_forces(&snapshot.reactions);
-        for s in closed.iter() {
+        // Margins are known of three limbs.
+        for s in closed.iter().filter(|&s| s < SOCKETS) {
             report.min_margin[s] = report.min_margin[s].min(margins[s]);
         }
     }
@@ -307,7 +306,7 @@ impl<'a> Run<'a> {
         if self.tripped {
             return Ok(());
         }
-        if self.twin.closed() != SocketSet::ALL {
+        if !self.twin.is_whole() {
             self.trip(t, TripCause::Socket, "a socket has left its ball");
             return Ok(());
         }

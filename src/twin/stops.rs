@@ -17,7 +17,7 @@ use crate::dynamics::Plant;
 use crate::effects::hunt_crossley;
 use crate::kinematics::Motion;
 use crate::machine::ARMS;
-use crate::machine::bodies::{BODIES, END_EFFECTOR, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::bodies::{END_EFFECTOR, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
 /// Number of degrees of freedom with stops: arms, telescope, two Hooke joints.
 pub const STOPS: usize = ARMS + 3;
@@ -102,7 +102,7 @@ fn bend(motion: &Motion, joint: usize) -> (f64, f64, Vector3<f64>) {
 }
 
 /// Adds the loads of the stops in `hits` to the bodies; returns their power, W.
-pub(super) fn add(plant: &Plant, motion: &Motion, hits: &[Option<Hit>; STOPS], wrenches: &mut [Twist; BODIES]) -> f64 {
+pub(super) fn add(plant: &Plant, motion: &Motion, hits: &[Option<Hit>; STOPS], wrenches: &mut [Twist; SLOTS]) -> f64 {
     let stops = &plant.stops;
     let mut power = 0.0;
     for (k, hit) in hits.iter().enumerate() {
@@ -221,7 +221,7 @@ mod tests {
         motion.bodies[TELESCOPE_UPPER].rotation = bent.into_inner();
         motion.bodies[TELESCOPE_UPPER].angular_velocity = Vector3::new(3.0, 7.0, 0.0);
         let hits = hits(&plant, &motion);
-        let mut loads = [(Vector3::zeros(), Vector3::zeros()); BODIES];
+        let mut loads = [(Vector3::zeros(), Vector3::zeros()); SLOTS];
         let power = add(&plant, &motion, &hits, &mut loads);
         // 1e5 N/m · 2 mm · (1 + 0.3·0.5) = 230 N; 2e3 N·m/rad · 0.02 rad · (1 + 0.05·3) = 46 N·m.
         let z = Vector3::z;

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::contacts::ContactBody;
 use crate::kinematics::motion::SOCKETS;
-use crate::machine::{AXES, STRUTS};
+use crate::machine::{AXES, MAX_STRUTS};
 
 /// Loads and errors at one sample, kept by [`super::Options::trace`] until the drives trip.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,7 +26,7 @@ pub struct Sample {
     /// Centre of the platform's ball plane, m.
     pub platform: [f64; 3],
     /// Axial forces at the elbow and platform ends of the struts, tension positive, N.
-    pub strut_force: [[f64; STRUTS]; 2],
+    pub strut_force: [[f64; MAX_STRUTS]; 2],
     /// Force margin of every ball socket, N.
     pub margin: [f64; SOCKETS],
 }

@@ -15,6 +15,10 @@ use deltatwin_io::model;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
+/// Sensors in all struts of three limbs.
+#[allow(dead_code)] // some binaries record none
+pub const SIX_STRUTS: [bool; 8] = [true, true, true, true, true, true, false, false];
+
 /// Folder of the shipped models and scenarios.
 pub fn root() -> PathBuf {
     let package = Path::new(env!("CARGO_MANIFEST_DIR"));

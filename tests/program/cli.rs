@@ -256,7 +256,7 @@ fn excite_plans_for_telling_two_effects_apart() {
     let folder = TempDir::new().unwrap();
     let scenario = path(&folder, "tell.toml");
     let plan = |a: &'static str, b: &'static str| {
-        let quick = ["--harmonics", "2", "--starts", "1", "--iterations", "2"];
+        let quick = ["--harmonics", "2", "--starts", "1", "--iterations", "10"];
         [&["excite", MODEL, "-o", &scenario, "--discriminate", a, b], &quick[..]].concat()
     };
     let answer = json(&plan("base_tilt", "torque_bias"));

@@ -24,7 +24,7 @@ mod world;
 
 use deltatwin::cell::{CellError, Mobility, Object, Surface, check};
 use deltatwin::kinematics::{Motion, SocketSet};
-use deltatwin::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, body_name};
+use deltatwin::machine::bodies::{END_EFFECTOR, PLATFORM, SLOTS, STRUT, body_name};
 use deltatwin::machine::{Bodies, Geometry, Inertia};
 use deltatwin::scenario::PayloadShape;
 use deltatwin::twin::{ContactBody, ContactWork, Contacts, Held, Resistance, Surroundings, Touch, Twist};
@@ -38,7 +38,7 @@ use placement::Placement;
 use robot::{Grip, Robot};
 use world::{Collider, World};
 
-const UNLOADED: [Wrench; BODIES] = [(Vector3::new(0.0, 0.0, 0.0), Vector3::new(0.0, 0.0, 0.0)); BODIES];
+const UNLOADED: [Wrench; SLOTS] = [(Vector3::new(0.0, 0.0, 0.0), Vector3::new(0.0, 0.0, 0.0)); SLOTS];
 
 /// Upper bound of the relative acceleration assumed by `near`, m/s².
 const ACCELERATION: f64 = 300.0;
@@ -73,14 +73,14 @@ pub struct Cell {
     robot: Robot,
     neighbours: Neighbours,
     /// Effective masses of the robot's bodies at their surfaces, kg.
-    masses: [f64; BODIES],
+    masses: [f64; SLOTS],
     /// Least effective mass over stiffness of the pairs that were near at the last call of `near`, s²; of all pairs that
     /// there could be before.
     quickest: f64,
     /// Force (N) and moment about the origin (N·m) on each body of the robot, inertial axes.
-    wrenches: [Wrench; BODIES],
+    wrenches: [Wrench; SLOTS],
     /// Resistance of the contacts on each body, about the origin of the inertial frame until asked for.
-    resistances: Box<[Resistance; BODIES]>,
+    resistances: Box<[Resistance; SLOTS]>,
     /// Whether a free object was near at the last call of `near`.
     loose: bool,
     /// Loads on the objects, force and moment about the origin, at the last call of `wrenches`; those at the previous
@@ -168,10 +168,10 @@ impl Cell {
             world: World::new(&all, &parts, gravity),
             robot: Robot::new(parts),
             neighbours: Neighbours::default(),
-            masses: [STRUT_END_MASS; BODIES],
+            masses: [STRUT_END_MASS; SLOTS],
             quickest: all.iter().map(quickness).fold(STRUT_END_MASS / Surface::default().stiffness, f64::min),
             wrenches: UNLOADED,
-            resistances: Box::new([Resistance::NONE; BODIES]),
+            resistances: Box::new([Resistance::NONE; SLOTS]),
             loose: true,
             reactions: vec![(Vector3::zeros(), Vector3::zeros()); all.len()],
             earlier: vec![(Vector3::zeros(), Vector3::zeros()); all.len()],
@@ -300,7 +300,7 @@ impl Contacts for Cell {
         let travel = |speed: f64| speed * horizon + 0.5 * ACCELERATION * horizon * horizon;
         let extents = robot.extents();
         let speed_of = |body: usize| Placement::from(&motion.bodies[body]).speed(extents[body]);
-        let links = (0..BODIES).map(speed_of).fold(0.0, f64::max);
+        let links = (0..SLOTS).map(speed_of).fold(0.0, f64::max);
         let objects = world.present().map(|o| o.at.speed(o.extent)).fold(0.0, f64::max);
         neighbours.look(world, robot, motion, closed, travel(links + links.max(objects)));
         *loose = false;
@@ -332,7 +332,7 @@ impl Contacts for Cell {
         STEP * self.quickest.sqrt()
     }
 
-    fn wrenches(&mut self, motion: &Motion, closed: SocketSet) -> &[Twist; BODIES] {
+    fn wrenches(&mut self, motion: &Motion, closed: SocketSet) -> &[Twist; SLOTS] {
         let Self { world, robot, neighbours, wrenches, reactions, fresh, touches, deepest, points, queries, .. } = self;
         *wrenches = UNLOADED;
         self.resistances.fill(Resistance::NONE);
@@ -402,7 +402,7 @@ impl Contacts for Cell {
         wrenches
     }
 
-    fn resistances(&mut self, motion: &Motion) -> Option<&[Resistance; BODIES]> {
+    fn resistances(&mut self, motion: &Motion) -> Option<&[Resistance; SLOTS]> {
         if self.loose {
             return None;
         }

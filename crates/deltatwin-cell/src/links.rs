@@ -49,10 +49,11 @@ impl Part {
 pub fn parts(geometry: &Geometry) -> Vec<Part> {
     let mut parts = Vec::new();
     for i in 0..ARMS {
-        let elbow = Vector3::x() * geometry.arm_length;
-        let end = Vector3::x() * (geometry.arm_length - ARM_TRIM).max(0.5 * geometry.arm_length);
-        let pair = Vector3::y() * (0.5 * geometry.pair_distance);
-        let body = match geometry.arms {
+        let limb = &geometry.limbs[i];
+        let elbow = Vector3::x() * limb.arm_length;
+        let end = Vector3::x() * (limb.arm_length - ARM_TRIM).max(0.5 * limb.arm_length);
+        let pair = Vector3::y() * (0.5 * limb.pair_distance);
+        let body = match limb.actuator {
             Actuator::Revolute => Hull::chain(&[Vector3::zeros(), end], ARM_RADIUS, false),
             // Beside the ball line, away from the struts.
             Actuator::Prismatic { .. } => {
@@ -64,7 +65,7 @@ pub fn parts(geometry: &Geometry) -> Vec<Part> {
         parts.push(Part::new(ARM + i, Hull::chain(&[elbow - pair, elbow + pair], BALL_RADIUS, false), false));
     }
     for s in 0..STRUTS {
-        let length = geometry.strut_length[s / 2];
+        let length = geometry.limbs[s / 2].strut_length;
         let trim = (BALL_RADIUS + STRUT_RADIUS + STRUT_GAP).min(0.4 * length);
         let ends = [Vector3::x() * trim, Vector3::x() * (length - trim)];
         parts.push(Part::new(STRUT + s, Hull::chain(&ends, STRUT_RADIUS, false), true));
@@ -75,15 +76,10 @@ pub fn parts(geometry: &Geometry) -> Vec<Part> {
             parts.push(Part { bared_by: Some(socket), ..tip });
         }
     }
-    let ring = (geometry.platform_radius - PLATFORM_INSET).max(0.5 * geometry.platform_radius);
+    let ring = (geometry.platform_radius() - PLATFORM_INSET).max(0.5 * geometry.platform_radius());
     let plate = Hull::chain(&polygon(ring, 0.0), PLATFORM_THICKNESS, true);
     parts.push(Part::new(PLATFORM, plate, true));
-    let balls: Vec<_> = (0..ARMS)
-        .flat_map(|i| {
-            let (u, v) = (Geometry::radial(i) * geometry.platform_radius, Geometry::tangential(i));
-            [-0.5, 0.5].map(|side| u + v * (side * geometry.pair_distance))
-        })
-        .collect();
+    let balls: Vec<_> = (0..STRUTS).map(|s| geometry.platform_ball(s)).collect();
     parts.push(Part::new(PLATFORM, Hull::chain(&balls, BALL_RADIUS, true), false));
     let rim = polygon(FLANGE_RADIUS - FLANGE_ROUNDING, FLANGE_ROUNDING);
     let mut flange = Hull::chain(&rim, FLANGE_ROUNDING, true);
@@ -114,7 +110,7 @@ pub fn frame(geometry: &Geometry) -> Option<Object> {
     let height = geometry.mounting_height - bottom;
     (height > 0.0).then(|| Object {
         name: "frame".into(),
-        shape: Shape::Cylinder { radius: geometry.base_radius, height },
+        shape: Shape::Cylinder { radius: geometry.limbs[0].base_radius, height },
         mobility: Mobility::Fixed,
         position: Vector3::z() * (bottom + 0.5 * height),
         yaw: 0.0,
@@ -185,7 +181,7 @@ mod tests {
         let strut = all.iter().find(|p| p.body == STRUT && p.meets_links).unwrap();
         let mut motion = scattered();
         let body = &mut motion.bodies[STRUT];
-        let length = geometry.strut_length[0];
+        let length = geometry.limbs[0].strut_length;
         body.position = Vector3::new(0.1, 0.0, 0.13 - length);
         body.rotation = Matrix3::from_columns(&[Vector3::z(), Vector3::y(), -Vector3::x()]);
         let mut points = Vec::new();

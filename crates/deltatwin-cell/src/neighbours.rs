@@ -1,7 +1,7 @@
 //! Pairs of colliders that are near each other, updated only after sufficient motion.
 
 use deltatwin::kinematics::{Motion, SocketSet};
-use deltatwin::machine::bodies::{BODIES, END_EFFECTOR};
+use deltatwin::machine::bodies::{END_EFFECTOR, SLOTS};
 
 use super::links::{Part, can_meet};
 use super::placement::Placement;
@@ -29,7 +29,7 @@ pub struct Neighbours {
 struct Then {
     closed: SocketSet,
     held: Option<usize>,
-    bodies: [Placement; BODIES],
+    bodies: [Placement; SLOTS],
     objects: Vec<Placement>,
 }
 

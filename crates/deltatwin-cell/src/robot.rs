@@ -1,7 +1,7 @@
 //! The robot as seen by the contact solver: parts of its links and the held object.
 
 use deltatwin::kinematics::Motion;
-use deltatwin::machine::bodies::{BODIES, END_EFFECTOR};
+use deltatwin::machine::bodies::{END_EFFECTOR, SLOTS};
 use deltatwin::twin::ContactBody;
 use nalgebra::{Matrix3, Vector3};
 
@@ -17,7 +17,7 @@ pub struct Robot {
     /// The held object, if any.
     pub grip: Option<Grip>,
     /// Largest distance of a point of each body from the body's origin, m; that of the held object follows.
-    own: [f64; BODIES],
+    own: [f64; SLOTS],
     held: f64,
 }
 
@@ -47,7 +47,7 @@ pub struct Placed<'a> {
 impl Robot {
     /// A robot with an empty gripper.
     pub fn new(parts: Vec<Part>) -> Self {
-        let mut own = [0.0_f64; BODIES];
+        let mut own = [0.0_f64; SLOTS];
         for part in &parts {
             own[part.body] = own[part.body].max(part.position.norm() + part.hull.extent());
         }
@@ -67,7 +67,7 @@ impl Robot {
     }
 
     /// Largest distance of a point that moves with each body from the body's origin, m.
-    pub fn extents(&self) -> [f64; BODIES] {
+    pub fn extents(&self) -> [f64; SLOTS] {
         let mut extents = self.own;
         extents[END_EFFECTOR] = extents[END_EFFECTOR].max(self.held);
         extents

@@ -54,7 +54,7 @@ pub fn scattered() -> Motion {
 }
 
 fn assembled(position: [f64; 3]) -> Motion {
-    let q = geometry().inverse(&position.into()).unwrap();
+    let q = geometry().inverse(&position.into(), 0.0).unwrap();
     let joints = JointState { q: [q[0], q[1], q[2], 0.3], ..JointState::default() };
     Motion::assembled(&geometry(), &joints).unwrap()
 }

@@ -3,7 +3,7 @@
 use deltatwin::cell::{Mobility, Object};
 use deltatwin::kinematics::SocketSet;
 use deltatwin::machine::Inertia;
-use deltatwin::machine::bodies::BODIES;
+use deltatwin::machine::bodies::SLOTS;
 use nalgebra::{Isometry3, Rotation3, Vector3};
 use parry3d::query;
 use rapier3d::dynamics::{FrictionModel, RigidBodyType, SpringCoefficients};
@@ -137,7 +137,7 @@ pub struct World {
     rapier: PhysicsWorld,
     surfaces: Surfaces,
     /// Kinematic bodies of the robot's bodies; the colliders of their parts follow.
-    links: [RigidBodyHandle; BODIES],
+    links: [RigidBodyHandle; SLOTS],
     parts: Vec<ColliderHandle>,
 }
 
@@ -259,7 +259,7 @@ impl World {
     pub fn mirror(
         &mut self,
         parts: &[Part],
-        bodies: &[Placement; BODIES],
+        bodies: &[Placement; SLOTS],
         held: Option<(usize, Placement)>,
         closed: SocketSet,
     ) {

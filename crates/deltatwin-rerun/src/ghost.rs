@@ -12,7 +12,7 @@ use nalgebra::{DMatrix, DVector, Isometry3};
 
 use deltatwin::dynamics::{Plant, steady_inverse_dynamics};
 use deltatwin::kinematics::{JointState, KinematicsError};
-use deltatwin::machine::bodies::BODIES;
+use deltatwin::machine::bodies::SLOTS;
 use deltatwin::machine::{AXES, Joint};
 
 /// Time after which the model is put back to the measured state, s.
@@ -93,7 +93,7 @@ pub fn poses(
     joints: &[JointState],
     deviations: &[[f64; AXES]],
     factor: f64,
-) -> Result<Vec<[Isometry3<f64>; BODIES]>, KinematicsError> {
+) -> Result<Vec<[Isometry3<f64>; SLOTS]>, KinematicsError> {
     let one = |(measured, deviation): (&JointState, &[f64; AXES])| {
         let q = std::array::from_fn(|i| measured.q[i] + factor * deviation[i]);
         let motion = plant.motion(&JointState { q, ..*measured }).or_else(|_| plant.motion(measured))?;

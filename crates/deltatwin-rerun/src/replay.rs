@@ -14,7 +14,7 @@ use deltatwin::dynamics::Plant;
 use deltatwin::identification::{Dataset, Residuals, predict};
 use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::kinematics::{JointState, KinematicsError};
-use deltatwin::machine::bodies::BODIES;
+use deltatwin::machine::bodies::SLOTS;
 use deltatwin::machine::{AXES, Part, Unit};
 use deltatwin::model::Model;
 use deltatwin::recording::{Contact, Contacts, Recording};
@@ -177,7 +177,7 @@ struct Ghosts<'a> {
     times: &'a [f64],
     joints: &'a [JointState],
     factor: f64,
-    poses: Vec<[Isometry3<f64>; BODIES]>,
+    poses: Vec<[Isometry3<f64>; SLOTS]>,
 }
 
 impl<'a> Ghosts<'a> {
@@ -190,7 +190,7 @@ impl<'a> Ghosts<'a> {
     }
 
     /// The ghost of a later model with the same factor.
-    fn beside(&self, later: &Plant, residual: &[[f64; AXES]]) -> miette::Result<Vec<[Isometry3<f64>; BODIES]>> {
+    fn beside(&self, later: &Plant, residual: &[[f64; AXES]]) -> miette::Result<Vec<[Isometry3<f64>; SLOTS]>> {
         let deviations = ghost::deviations(later, self.times, self.joints, residual).into_diagnostic()?;
         ghost::poses(later, self.joints, &deviations, self.factor).into_diagnostic()
     }

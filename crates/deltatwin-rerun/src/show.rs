@@ -9,7 +9,7 @@ use crate::scene::{
     Assets, Contact, Scene, Series, Thing, measured, socket_margins, strut_force, strut_forces, write_rrd,
 };
 use deltatwin::dynamics::Plant;
-use deltatwin::machine::bodies::BODIES;
+use deltatwin::machine::bodies::SLOTS;
 use deltatwin::machine::{Part, STRUTS};
 use deltatwin::recording::{Channel, Recording, Signals};
 use deltatwin::scenario::DesiredMotion;
@@ -66,7 +66,7 @@ impl Stage {
     }
 
     /// Poses in the desired motion at the time of a frame; those of the frame where it cannot be reached.
-    fn wanted(&self, desired: &DesiredMotion, frame: &Frame) -> [Isometry3<f64>; BODIES] {
+    fn wanted(&self, desired: &DesiredMotion, frame: &Frame) -> [Isometry3<f64>; SLOTS] {
         let joints = desired.at(frame.t).joints(&self.plant.geometry);
         let motion = joints.and_then(|joints| self.plant.motion(&joints));
         motion.map_or(frame.bodies, |motion| motion.shown(self.plant.mechanism))

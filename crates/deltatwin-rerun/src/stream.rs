@@ -173,8 +173,8 @@ mod tests {
     use deltatwin::dynamics::Plant;
     use deltatwin::kinematics::SocketSet;
     use deltatwin::kinematics::motion::SOCKETS;
-    use deltatwin::machine::bodies::BODIES;
-    use deltatwin::machine::{AXES, STRUTS, Setup};
+    use deltatwin::machine::bodies::SLOTS;
+    use deltatwin::machine::{AXES, MAX_STRUTS, Setup};
     use deltatwin::twin::Options;
 
     fn frame(t: f64) -> Frame {
@@ -182,10 +182,10 @@ mod tests {
             t,
             q: [0.0; AXES],
             tau: [0.0; AXES],
-            bodies: [Isometry3::identity(); BODIES],
+            bodies: [Isometry3::identity(); SLOTS],
             objects: Vec::new(),
             closed: SocketSet::ALL,
-            strut_force: [[0.0; STRUTS]; 2],
+            strut_force: [[0.0; MAX_STRUTS]; 2],
             socket_margin: [0.0; SOCKETS],
             contacts: Vec::new(),
         }

@@ -86,14 +86,19 @@ fn picture(case: &Case, outcome: &Outcome, frame: &Frame) -> String {
         line(&mut out, [tip(TELESCOPE_UPPER, 0.0, 0.0, 0.0), tip(TELESCOPE_LOWER, 0.0, 0.0, 0.0)], "#8a8f98", 2.2);
     }
     for i in 0..ARMS {
-        let half = 0.5 * geometry.pair_distance;
-        line(&mut out, [tip(ARM + i, 0.0, 0.0, 0.0), tip(ARM + i, geometry.arm_length, 0.0, 0.0)], "#e08a2c", 6.0);
-        let ends = [-half, half].map(|y| tip(ARM + i, geometry.arm_length, y, 0.0));
+        let half = 0.5 * geometry.limbs[0].pair_distance;
+        line(
+            &mut out,
+            [tip(ARM + i, 0.0, 0.0, 0.0), tip(ARM + i, geometry.limbs[i].arm_length, 0.0, 0.0)],
+            "#e08a2c",
+            6.0,
+        );
+        let ends = [-half, half].map(|y| tip(ARM + i, geometry.limbs[i].arm_length, y, 0.0));
         line(&mut out, ends, "#e08a2c", 3.0);
-        let shafts = [i, (i + 1) % ARMS].map(|i| Point3::from(Geometry::radial(i) * geometry.base_radius));
+        let shafts = [i, (i + 1) % ARMS].map(|i| Point3::from(geometry.limbs[i].shaft()));
         line(&mut out, shafts, "#555", 3.0);
         let pair = [-half, half].map(|y| {
-            let p = Geometry::radial(i) * geometry.platform_radius + Geometry::tangential(i) * y;
+            let p = geometry.limbs[i].point + geometry.limbs[i].tangential() * y;
             frame.bodies[PLATFORM] * Point3::from(p)
         });
         line(&mut out, pair, "#333", 4.0);

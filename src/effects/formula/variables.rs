@@ -153,7 +153,7 @@ impl Variable {
     /// The part of the machine required by the variable.
     pub fn part(self) -> Part {
         match self.kind() {
-            Kind::Angle(3) | Kind::Rate(3) | Kind::Acceleration(3) | Kind::Torque(3) => Part::Axis4,
+            Kind::Angle(3) | Kind::Rate(3) | Kind::Acceleration(3) | Kind::Torque(3) => Part::FourthDrive,
             Kind::Time | Kind::Angle(_) | Kind::Rate(_) | Kind::Acceleration(_) | Kind::Torque(_) => Part::Drives,
             Kind::TelescopeLength | Kind::TelescopeRate => Part::Telescope,
             _ => Part::Linkage,

@@ -7,7 +7,7 @@ use super::InternalStates;
 use super::{Count, Effects, Instant, Layout, Param, Parameter, Role, Values};
 use crate::effects::{Effect, GearSpring, StrutSpring};
 use crate::kinematics::JointState;
-use crate::machine::{ARMS, AXES, Bodies, Drive, Geometry, Joint, Mechanism, Part, STRUTS, Sockets};
+use crate::machine::{AXES, Bodies, Drive, Geometry, Joint, Mechanism, Part, STRUTS, Sockets};
 use crate::recording::Signals;
 
 /// Properties of a machine on which the parameters of effects depend: their number, units and typical magnitudes, the
@@ -42,7 +42,7 @@ pub struct MachineView<'a> {
 impl MachineView<'_> {
     /// Size of the mechanism relative to the reference machine, by the strut length of the first limb.
     pub fn size(&self) -> f64 {
-        self.geometry.strut_length[0] / STRUT
+        self.geometry.limbs[0].strut_length / STRUT
     }
 }
 
@@ -69,14 +69,12 @@ impl Default for Host {
 }
 
 impl Host {
-    /// Properties of a machine with drives like `drive`; every delta robot whose arms turn counts as the
-    /// reference machine.
+    /// Properties of a machine with drives like `drive`; every delta robot of three limbs whose arms turn counts
+    /// as the reference machine.
     pub fn new(mechanism: Mechanism, drive: &Drive) -> Self {
         let (torque, speed) = match mechanism {
-            Mechanism::Delta { arms: Joint::Revolute, .. } => (1.0, 1.0),
-            Mechanism::Delta { arms: Joint::Prismatic, .. } | Mechanism::Axis(_) => {
-                (drive.max_torque / STATED.0, drive.max_speed / STATED.1)
-            }
+            Mechanism::Delta { arms: Joint::Revolute, .. } if mechanism.is_delta() => (1.0, 1.0),
+            Mechanism::Delta { .. } | Mechanism::Axis(_) => (drive.max_torque / STATED.0, drive.max_speed / STATED.1),
         };
         Self { mechanism, torque, speed }
     }
@@ -236,12 +234,12 @@ impl ActiveEffect {
             let n = self.values().len(b);
             for i in 0..n {
                 let mut parameter = self.host.parameter(self.effect.acts_on(), p);
-                if p.count == Count::AllDrives && i == ARMS {
+                if p.count == Count::AllDrives && i >= self.host.mechanism.arms() {
                     parameter.default *= TELESCOPE_DRIVE;
                 }
                 let name = match p.count {
                     Count::One => p.name.to_string(),
-                    Count::PerArm | Count::PerDrive | Count::PerAxis | Count::AllDrives => {
+                    Count::PerArm | Count::PerStrut | Count::PerDrive | Count::PerAxis | Count::AllDrives => {
                         format!("{}_{}", p.name, i + 1)
                     }
                     Count::Named(names) => format!("{}_{}", p.name, names[i]),

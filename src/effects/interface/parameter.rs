@@ -33,6 +33,8 @@ pub enum Count {
     One,
     /// One per arm (array of 3).
     PerArm,
+    /// One per strut (array of 6 on three limbs).
+    PerStrut,
     /// One per drive (array of 3 or 4; three values mean the arms).
     PerDrive,
     /// One per axis, including that of the telescope.
@@ -54,6 +56,7 @@ impl Count {
         match self {
             Self::One | Self::List => 1,
             Self::PerArm | Self::PerDrive | Self::PerArmOf(_) => machine.arms(),
+            Self::PerStrut => machine.struts(),
             Self::PerAxis | Self::AllDrives => machine.axes(),
             Self::Named(names) => names.len(),
         }

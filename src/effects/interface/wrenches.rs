@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::kinematics::{Motion, Reactions, SocketSet};
-use crate::machine::bodies::{BODIES, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::bodies::{SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::machine::{AXES, Bodies, Joint, Payload};
 
 /// Quantities on which a force law may depend.
@@ -49,7 +49,7 @@ enum Sink<'a> {
     /// Passes on `(parameter, body, force, moment)` one by one.
     Each { motion: &'a Motion, read: &'a mut dyn FnMut(usize, usize, Vector3<f64>, Vector3<f64>) },
     /// Multiplies by the parameter values and sums over all laws, with the power.
-    Sum { values: &'a [f64], motion: &'a Motion, total: &'a mut [(Vector3<f64>, Vector3<f64>); BODIES], power: f64 },
+    Sum { values: &'a [f64], motion: &'a Motion, total: &'a mut [(Vector3<f64>, Vector3<f64>); SLOTS], power: f64 },
 }
 
 impl<'a> Wrenches<'a> {
@@ -59,7 +59,7 @@ impl<'a> Wrenches<'a> {
     }
 
     /// Sink that adds every wrench times its parameter value to `total`.
-    pub fn sum(values: &'a [f64], motion: &'a Motion, total: &'a mut [(Vector3<f64>, Vector3<f64>); BODIES]) -> Self {
+    pub fn sum(values: &'a [f64], motion: &'a Motion, total: &'a mut [(Vector3<f64>, Vector3<f64>); SLOTS]) -> Self {
         Self { sink: Sink::Sum { values, motion, total, power: 0.0 } }
     }
 
@@ -132,7 +132,8 @@ impl<'a> Wrenches<'a> {
     /// relative to them, [`Motion::socket_rate`].
     #[inline]
     pub fn socket_moment(&mut self, k: usize, socket: usize, rate: &Vector3<f64>, moment: Vector3<f64>) {
-        let (strut, partner) = Motion::socket_bodies(socket);
+        let (Sink::Each { motion, .. } | Sink::Sum { motion, .. }) = &self.sink;
+        let (strut, partner) = motion.socket_bodies(socket);
         match &mut self.sink {
             Sink::Each { read, .. } => {
                 read(k, strut, Vector3::zeros(), moment);

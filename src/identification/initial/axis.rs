@@ -13,10 +13,8 @@ use crate::evidence::noise::difference_sigma;
 use crate::identification::Dataset;
 use crate::identification::bandwidth::{bandwidth, narrow};
 use crate::identification::zeros::zeros;
-use crate::machine::bodies::{ARM, BODIES};
-use crate::machine::{
-    ARMS, AXES, Actuator, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops,
-};
+use crate::machine::bodies::{ARM, SLOTS};
+use crate::machine::{AXES, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops};
 use crate::model::history::rounded_to;
 use crate::model::{Meshes, Model};
 use crate::numerics::deviation;
@@ -74,7 +72,7 @@ pub fn axis(name: &str, recordings: &[Recording], gear_ratio: Option<f64>) -> Re
     let (drive, law) = own.law(drive, &mut remarks)?;
     let mut model = empty(name, mechanism, drive);
     model.sample_time = period;
-    model.geometry.arm_limits = travel;
+    model.geometry.set_arm_limits(travel);
     model.noise.torque[0] = sigma;
     model.bodies[ARM] = Inertia::lone(law.inertia);
     model.effects = law.effects;
@@ -473,21 +471,8 @@ fn empty(name: &str, mechanism: Mechanism, drive: Drive) -> Model {
         source: None,
         mechanism,
         assembled: false,
-        geometry: Geometry {
-            arms: Actuator::Revolute,
-            base_radius: 0.0,
-            arm_length: 0.0,
-            strut_length: [0.0; ARMS],
-            platform_radius: 0.0,
-            pair_distance: 0.0,
-            mounting_height: 0.0,
-            upper_hooke_height: 0.0,
-            lower_hooke_height: 0.0,
-            flange_height: 0.0,
-            arm_limits: [0.0; 2],
-            telescope_limits: [0.0; 2],
-        },
-        bodies: Bodies([Inertia::ZERO; BODIES]),
+        geometry: Geometry::single([0.0; 2]),
+        bodies: Bodies([Inertia::ZERO; SLOTS]),
         link_parameters: LinkParameters::default(),
         drives: [drive, unused, unused, unused],
         sockets: Sockets {

@@ -83,7 +83,7 @@ impl Own<'_> {
         }
         let limits = [limits[0].min(0.0), limits[1].max(0.0)].map(|x| rounded_to(x, 4));
         if limits[0] < limits[1] {
-            self.model.geometry.arm_limits = limits;
+            self.model.geometry.set_arm_limits(limits);
             let how = format!("travel of the arms and {:.0} % at either end, home included", 100.0 * BEYOND);
             self.number("geometry", "arm_limits", limits.to_vec(), Unit::Rad, how);
         }

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::dynamics::{Plant, steady_inverse_dynamics};
 use crate::kinematics::{JointState, PlatformState};
-use crate::machine::{ARMS, AXES};
+use crate::machine::AXES;
 use crate::model::Model;
 
 /// z(t) = centre + Σₖ aₖ sin(kωt) + bₖ cos(kωt) for x, y, z (m) and ψ (rad).
@@ -80,7 +80,11 @@ impl FourierMotion {
         harmonics: usize,
         rng: &mut ChaCha8Rng,
     ) -> Self {
-        let psi = if plant.mechanism.has_telescope() { 12.0 } else { 0.0 };
+        let psi = match plant.mechanism {
+            machine if machine.has_telescope() => 12.0,
+            machine if machine.plate_turns() => 1.0,
+            _ => 0.0,
+        };
         let mut motion = Self::still(frequency, [0.0, 0.0, middle(plant), 0.0], harmonics);
         motion.draw(&[0.5, 0.5, 0.2, psi], rng);
         // Platform and axis 4 are scaled separately: their limits are nearly independent, except for an eccentric
@@ -107,7 +111,7 @@ impl FourierMotion {
         harmonics: usize,
         rng: &mut ChaCha8Rng,
     ) -> Self {
-        let [low, high] = plant.geometry.arm_limits;
+        let [low, high] = plant.geometry.arm_limits();
         let arms = plant.mechanism.arms();
         let centre = std::array::from_fn(|i| if i < arms { 0.5 * (low + high) } else { 0.0 });
         let sizes: [f64; AXES] = std::array::from_fn(|i| if i < arms { 0.5 * (high - low) } else { 12.0 });
@@ -144,7 +148,7 @@ impl FourierMotion {
 
     /// Whether each axis violates the limits of its joint or drive.
     fn axes_beyond(&self, plant: &Plant, limits: &MotionLimits) -> [bool; AXES] {
-        let [low, high] = plant.geometry.arm_limits;
+        let [low, high] = plant.geometry.arm_limits();
         let arms = plant.mechanism.arms();
         let mut bad = [false; AXES];
         for k in 0..GRID {
@@ -171,23 +175,29 @@ impl FourierMotion {
     }
 
     fn within(&self, plant: &Plant, limits: &MotionLimits) -> Fit {
+        // Where the plate turns the end effector, every arm moves both.
+        let (arms, all) = (plant.mechanism.arms(), plant.mechanism.plate_turns());
+        let of_platform = || if all { Fit::Both } else { Fit::Platform };
         for k in 0..GRID {
             let platform = self.at(k as f64 / GRID as f64 / self.frequency);
-            let Ok(joints) = plant.geometry.inverse_motion(&platform) else { return Fit::Platform };
+            let Ok(joints) = plant.geometry.inverse_motion(&platform) else { return of_platform() };
             let bent = plant.stops.hooke_stiffness > 0.0
                 && plant.geometry.has_telescope()
                 && plant.geometry.telescope_tilt(&platform.position) > plant.stops.hooke;
             if bent || plant.geometry.check_limits(&joints.q, &platform.position).is_err() {
-                return Fit::Platform;
+                return of_platform();
             }
-            let Ok(motion) = plant.motion(&joints) else { return Fit::Platform };
-            let Ok(out) = steady_inverse_dynamics(plant, 0.0, &motion, false) else { return Fit::Platform };
+            let Ok(motion) = plant.motion(&joints) else { return of_platform() };
+            let Ok(out) = steady_inverse_dynamics(plant, 0.0, &motion, false) else { return of_platform() };
             let bad = |i: usize| {
                 joints.qd[i].abs() > limits.speed[i]
-                    || (i < ARMS && joints.qdd[i].abs() > limits.acceleration[i])
+                    || (i < arms && joints.qdd[i].abs() > limits.acceleration[i])
                     || out.tau[i].abs() > limits.torque[i]
             };
-            if (0..ARMS).any(bad) {
+            if (0..arms).any(bad) {
+                if all {
+                    return Fit::Both;
+                }
                 let resting = PlatformState {
                     position: Vector3::from_fn(|i, _| self.centre[i]),
                     velocity: Vector3::zeros(),
@@ -196,10 +206,10 @@ impl FourierMotion {
                 };
                 let motion = plant.geometry.inverse_motion(&resting).and_then(|joints| plant.motion(&joints));
                 let out = motion.and_then(|motion| steady_inverse_dynamics(plant, 0.0, &motion, false));
-                let swung = out.is_ok_and(|o| (0..ARMS).any(|i| o.tau[i].abs() > SWUNG * limits.torque[i]));
+                let swung = out.is_ok_and(|o| (0..arms).any(|i| o.tau[i].abs() > SWUNG * limits.torque[i]));
                 return if swung { Fit::Both } else { Fit::Platform };
             }
-            if bad(3) {
+            if plant.mechanism.has_telescope() && bad(3) {
                 return Fit::Axis4;
             }
         }
@@ -215,8 +225,8 @@ pub fn middle(plant: &Plant) -> f64 {
         let [low, high] = g.telescope_limits;
         return g.upper_hooke_height - g.lower_hooke_height - 0.45 * (low + high);
     }
-    let [low, high] = g.arm_limits;
-    g.forward(&[0.5 * (low + high); ARMS]).map_or(-g.arm_length, |p| p.z)
+    let [low, high] = g.arm_limits();
+    g.forward(&[0.5 * (low + high); AXES]).map_or(-g.limbs[0].arm_length, |p| p.z)
 }
 
 /// Share of an arm's torque limit beyond which the motion of axis 4 with the payload, the platform at rest, is scaled

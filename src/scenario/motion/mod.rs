@@ -15,7 +15,7 @@ use thiserror::Error;
 
 use crate::dynamics::Plant;
 use crate::kinematics::{JointState, KinematicsError, PlatformState, Target};
-use crate::machine::{ARMS, AXES, Geometry, Setup, Unit};
+use crate::machine::{AXES, Geometry, Setup, Unit};
 use crate::model::Model;
 
 use constant_speed::ConstantSpeed;
@@ -123,7 +123,7 @@ impl Course {
 
     /// The motion over time on a machine like `plant`, built from `planning`; not yet checked.
     fn motion(&self, planning: &Model, plant: &Plant) -> Result<DesiredMotion, MotionError> {
-        let geometry = plant.geometry;
+        let geometry = Box::new(plant.geometry);
         if !plant.assembled {
             return Ok(DesiredMotion::Axes(self.of_axes(planning, plant)?));
         }
@@ -142,10 +142,11 @@ impl Course {
             Self::Table(table) => DesiredMotion::Platform(table.course()),
             Self::ConstantSpeed(runs) => {
                 let [x, y, z, psi] = runs.pose;
-                let [a, b, c] = geometry
-                    .inverse(&Vector3::new(x, y, z))
-                    .map_err(|reason| MotionError::Unreachable { t: 0.0, reason })?;
-                DesiredMotion::Joints { course: runs.course([a, b, c, psi]), geometry }
+                let pose =
+                    PlatformState { position: Vector3::new(x, y, z), psi: [psi, 0.0, 0.0], ..PlatformState::default() };
+                let joints =
+                    geometry.inverse_motion(&pose).map_err(|reason| MotionError::Unreachable { t: 0.0, reason })?;
+                DesiredMotion::Joints { course: runs.course(joints.q), geometry }
             }
         })
     }
@@ -185,7 +186,7 @@ pub enum DesiredMotion {
         /// (φ1, φ2, φ3, ψ), rad.
         course: Piecewise,
         /// Geometry for the forward kinematics.
-        geometry: Geometry,
+        geometry: Box<Geometry>,
     },
     /// Angles of independent axes.
     Axes(Series),
@@ -276,18 +277,21 @@ impl DesiredMotion {
                 }
                 reason => MotionError::Unreachable { t, reason },
             })?;
-            if let Some(axis) = (planning.mechanism.axes()..AXES).find(|&i| joints.q[i] != 0.0 || joints.qd[i] != 0.0) {
+            if let Some(axis) = (planning.mechanism.axes().max(planning.mechanism.limbs())..AXES)
+                .find(|&i| joints.q[i] != 0.0 || joints.qd[i] != 0.0)
+            {
                 return Err(MotionError::NoAxis { t, axis });
             }
             if let Self::Joints { course, .. } = self {
                 // The platform position alone must determine the same angles.
                 let wanted = course.at(t)[0];
-                if (0..ARMS).any(|i| (wanted[i] - joints.q[i]).abs() > 1e-6) {
-                    let q = [wanted[0], wanted[1], wanted[2]];
+                if (0..planning.mechanism.arms()).any(|i| (wanted[i] - joints.q[i]).abs() > 1e-6) {
+                    let q = wanted.as_slice()[..geometry.limbs.len()].into();
                     return Err(MotionError::Unreachable { t, reason: KinematicsError::Singular { q } });
                 }
             }
-            for (axis, (rate, drive)) in joints.qd.iter().zip(&planning.drives).enumerate() {
+            let driven = planning.mechanism.axes();
+            for (axis, (rate, drive)) in joints.qd.iter().zip(&planning.drives).enumerate().take(driven) {
                 if rate.is_nan() || rate.abs() > drive.max_speed {
                     let (speed, limit) = (rate.abs(), drive.max_speed);
                     return Err(MotionError::TooFast {

@@ -9,7 +9,7 @@ use super::equations::Loads;
 use crate::dynamics::{Plant, accelerated_wrench};
 use crate::kinematics::{BodyMotion, HookeJoint, Motion, Telescope};
 use crate::machine::Geometry;
-use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
 /// Linear maps from (v_h, Ω, ω), the velocity of the lower Hooke joint, the rotor rate and the platform's angular
 /// velocity.
@@ -140,7 +140,7 @@ impl Mechanism {
     /// Places telescope and end effector between rotor and platform.
     pub(super) fn place_chain(
         &self,
-        bodies: &mut [BodyMotion; BODIES],
+        bodies: &mut [BodyMotion; SLOTS],
         chain: &mut Chain,
         rotor_rate: f64,
     ) -> Telescope {

@@ -8,7 +8,7 @@ use super::pairs::Pairs;
 use super::{Mechanism, OpenVector, PLATFORM_V, Pose};
 use crate::kinematics::{Arm, Motion};
 use crate::machine::bodies::{PLATFORM, STRUT};
-use crate::machine::{ARMS, Geometry, STRUTS};
+use crate::machine::{ARMS, STRUTS};
 use crate::numerics::sin_cos;
 
 /// Change of strut length below which the loops count as closed, m.
@@ -29,7 +29,7 @@ impl Mechanism {
         let mut elbows = [Vector3::zeros(); ARMS];
         let mut elbow_jacobian = [Vector3::zeros(); ARMS];
         for i in 0..ARMS {
-            let arm = Arm::by(g, i, pose.phi[i], sin_cos);
+            let arm = Arm::by(&g.limbs[i], pose.phi[i], sin_cos);
             (elbows[i], elbow_jacobian[i]) = (arm.elbow, arm.slope);
         }
         let (mut closed, mut corrections) = (false, 0);
@@ -38,7 +38,7 @@ impl Mechanism {
             let mut gaps = [0f64; STRUTS];
             for s in 0..STRUTS {
                 let ball = rotation * self.balls[s];
-                let span = pose.position + ball - elbows[s / 2] - Geometry::tangential(s / 2) * g.pair_offset(s);
+                let span = pose.position + ball - elbows[s / 2] - g.limbs[s / 2].tangential() * g.pair_offset(s);
                 let length = span.norm();
                 let u = span * (1.0 / length);
                 gaps[s] = length - self.rods[s].length;
@@ -71,7 +71,7 @@ impl Mechanism {
         let mut roll = [0.0; STRUTS];
         let mut spin = [0.0; STRUTS];
         for s in 0..STRUTS {
-            let (u, v) = (motion.strut_axis[s], Geometry::tangential(s / 2));
+            let (u, v) = (motion.strut_axis[s], self.geometry.limbs[s / 2].tangential());
             let y = (v - u * u.dot(&v)).normalize();
             let strut = &motion.bodies[STRUT + s];
             let own = strut.rotation.column(1);

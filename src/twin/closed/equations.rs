@@ -9,7 +9,7 @@ use super::pairs::Pairs;
 use super::{Frame, Mechanism, OpenVector};
 use crate::dynamics::Plant;
 use crate::effects::StrutSpring;
-use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT};
+use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, SLOTS, STRUT};
 use crate::machine::{ARMS, AXES, Joint, STRUTS};
 
 /// Implicit terms of a Rosenbrock step, added to the equations.
@@ -34,7 +34,7 @@ pub(in crate::twin) struct Loads<'a> {
     pub plant: &'a Plant,
     pub frame: &'a Frame,
     /// Wrenches on all bodies about their origins, inertial axes.
-    pub wrenches: &'a [Twist; BODIES],
+    pub wrenches: &'a [Twist; SLOTS],
     /// Drive torques, N·m.
     pub tau: &'a [f64; AXES],
     pub implicit: &'a Implicit,

@@ -5,9 +5,9 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use super::super::wrench::STILL;
 use super::chain::{Chain, ChainBias};
 use super::{Mechanism, OpenVector, Pose, platform_twist};
-use crate::kinematics::{Arm, BodyMotion, Motion, Telescope};
-use crate::machine::bodies::{ARM, BODIES, PLATFORM, ROTOR, STRUT};
-use crate::machine::{ARMS, AXES, Geometry, Joint, STRUTS};
+use crate::kinematics::{Arm, BodyMotion, JointState, Motion};
+use crate::machine::bodies::{ARM, PLATFORM, ROTOR, STRUT};
+use crate::machine::{ARMS, Geometry, STRUTS};
 use crate::numerics::sin_cos;
 
 /// Linear maps and bias accelerations of one configuration, used by mass matrix and forces.
@@ -40,20 +40,11 @@ pub(in crate::twin) struct Frame {
 }
 
 impl Frame {
-    /// A frame with zero entries, to be filled.
-    pub fn empty() -> Self {
+    /// A frame at rest, to be filled.
+    pub fn empty(geometry: &Geometry) -> Self {
         let none = Vector3::zeros();
         Self {
-            motion: Motion {
-                arms: Joint::Revolute,
-                q: [0.0; AXES],
-                qd: [0.0; AXES],
-                qdd: [0.0; AXES],
-                bodies: [BodyMotion::REST; BODIES],
-                strut_axis: [none; STRUTS],
-                strut_length: [0.0; STRUTS],
-                telescope: Telescope { axis: none, length: 0.0, rate: 0.0 },
-            },
+            motion: Motion::disassembled(geometry, &JointState::default()),
             roll_rate: [0.0; STRUTS],
             length_rate: [0.0; STRUTS],
             inverse_length: [0.0; STRUTS],
@@ -82,15 +73,14 @@ impl Mechanism {
     pub fn frame(&self, pose: &Pose, nu: &OpenVector, spin: &[f64; STRUTS], out: &mut Frame) {
         let g = &self.geometry;
         let Frame { motion, roll_rate, length_rate, inverse_length, jacobians } = out;
-        let Motion { arms, q, qd, bodies, strut_axis, strut_length, telescope, .. } = motion;
-        *arms = g.arms.joint();
+        let Motion { q, qd, bodies, strut_axis, strut_length, telescope, .. } = motion;
         *q = [pose.phi[0], pose.phi[1], pose.phi[2], pose.psi];
         *qd = [nu[0], nu[1], nu[2], nu[3]];
         let mut elbows = [Vector3::zeros(); ARMS];
         for i in 0..ARMS {
-            let arm = Arm::by(g, i, pose.phi[i], sin_cos);
-            let screw = arm.screw(g, i);
-            bodies[ARM + i].place(arm.rotation(i), arm.origin, screw.linear * nu[i], screw.angular * nu[i]);
+            let arm = Arm::by(&g.limbs[i], pose.phi[i], sin_cos);
+            let screw = arm.screw(&g.limbs[i]);
+            bodies[ARM + i].place(arm.rotation(&g.limbs[i]), arm.origin, screw.linear * nu[i], screw.angular * nu[i]);
             elbows[i] = arm.elbow;
             jacobians.elbow[i] = arm.slope;
             jacobians.elbow_bias[i] = arm.curvature * (nu[i] * nu[i]);
@@ -102,7 +92,7 @@ impl Mechanism {
             BodyMotion { rotation, position: pose.position, velocity, angular_velocity: omega, ..BodyMotion::REST };
         for s in 0..STRUTS {
             let i = s / 2;
-            let v = Geometry::tangential(i);
+            let v = g.limbs[i].tangential();
             let upper = elbows[i] + v * g.pair_offset(s);
             let ball = rotation * self.balls[s];
             let turning = omega.cross(&ball);

@@ -29,7 +29,7 @@ pub(super) use frame::Frame;
 
 use super::SingularPose;
 use super::context::Answer;
-use super::rod::{Rod, platform_ball};
+use super::rod::Rod;
 use super::wrench::Twist;
 use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, StrutSpring};
@@ -62,7 +62,7 @@ pub(super) struct Pose {
 
 /// Data that are constant during a run.
 pub(super) struct Mechanism {
-    geometry: Geometry,
+    pub geometry: Geometry,
     rods: [Rod; STRUTS],
     /// Lower balls in the platform's frame, m.
     balls: [Vector3<f64>; STRUTS],
@@ -113,7 +113,7 @@ impl Mechanism {
     pub fn new(plant: &Plant) -> Self {
         let geometry = plant.geometry;
         let rods = Rod::all(plant);
-        let balls = std::array::from_fn(|s| platform_ball(&geometry, s));
+        let balls = std::array::from_fn(|s| geometry.platform_ball(s));
         let mut laden_platform = plant.bodies[PLATFORM];
         for (rod, ball) in rods.iter().zip(&balls) {
             laden_platform += Inertia::point(rod.bb, *ball);

@@ -3,7 +3,7 @@
 use super::super::wrench::{STILL, Twist};
 use super::equations::{Ends, Loads};
 use super::{Frame, Mechanism, OpenVector, Solution, platform_twist};
-use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, SLOTS, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::machine::{ARMS, STRUTS};
 
 impl Mechanism {
@@ -35,9 +35,9 @@ impl Mechanism {
     }
 
     /// Accelerations of all bodies for a solution, inertial axes.
-    pub fn accelerations(&self, frame: &Frame, solution: &Solution) -> [Twist; BODIES] {
+    pub fn accelerations(&self, frame: &Frame, solution: &Solution) -> [Twist; SLOTS] {
         let Frame { motion, jacobians, .. } = frame;
-        let mut out = [STILL; BODIES];
+        let mut out = [STILL; SLOTS];
         let nu = &solution.nu_rate;
         for i in 0..ARMS {
             let (body, screw) = motion.drive(i);

@@ -7,9 +7,9 @@ use nalgebra::{SMatrix, SVector, UnitQuaternion};
 use super::rows::{BODY, ROW, Rows, bearing_block};
 use super::{Added, Pair, Solution, momentum, motions, pair, six, spatial, velocity_products};
 use crate::dynamics::Plant;
-use crate::kinematics::{BodyMotion, Motion, SocketSet};
-use crate::machine::STRUTS;
-use crate::machine::bodies::{ARM, BODIES, ROTOR};
+use crate::kinematics::{BodyMotion, SocketSet};
+use crate::machine::bodies::{ARM, BODIES, ROTOR, SLOTS};
+use crate::machine::{ARMS, STRUTS};
 use crate::twin::SingularPose;
 use crate::twin::constraints::ROWS;
 use crate::twin::state::BodyState;
@@ -38,8 +38,8 @@ impl Bearings {
     pub fn solve(
         &mut self,
         plant: &Plant,
-        bodies: &[BodyMotion; BODIES],
-        wrenches: &[Pair; BODIES],
+        bodies: &[BodyMotion; SLOTS],
+        wrenches: &[Pair; SLOTS],
         damping: Option<&[Added; BODIES]>,
     ) -> Result<&Solution, SingularPose> {
         let gravity = plant.gravity_vector();
@@ -84,7 +84,7 @@ impl Bearings {
     fn each(
         &mut self,
         plant: &Plant,
-        bodies: &[BodyMotion; BODIES],
+        bodies: &[BodyMotion; SLOTS],
         damping: Option<&[Added; BODIES]>,
         gamma: &[f64; ROWS],
         load: impl Fn(usize) -> Pair,
@@ -122,7 +122,7 @@ impl Bearings {
 
 /// Bodies of the machine's axes.
 fn axes(plant: &Plant) -> impl Iterator<Item = usize> + use<> {
-    (0..plant.mechanism.axes()).map(Motion::driven)
+    (0..plant.mechanism.axes()).map(|axis| if axis < ARMS { ARM + axis } else { ROTOR })
 }
 
 fn first_block(body: usize) -> usize {
@@ -130,5 +130,5 @@ fn first_block(body: usize) -> usize {
 }
 
 fn lengths(plant: &Plant) -> [f64; STRUTS] {
-    std::array::from_fn(|s| plant.geometry.strut_length[s / 2])
+    std::array::from_fn(|s| plant.geometry.limbs[s / 2].strut_length)
 }

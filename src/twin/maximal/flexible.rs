@@ -17,7 +17,7 @@ use super::factor::{Six, add};
 use super::rows::*;
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{BodyMotion, SocketSet};
-use crate::machine::bodies::{BODIES, STRUT};
+use crate::machine::bodies::{BODIES, SLOTS, STRUT};
 use crate::machine::{Inertia, STRUTS};
 use crate::twin::constraints::ROWS;
 use crate::twin::rod::Rod;
@@ -102,7 +102,7 @@ impl Eliminated {
 /// Eliminates the elongations from mass matrices and rows.
 pub(super) fn eliminate(
     stretches: &Stretches,
-    bodies: &[BodyMotion; BODIES],
+    bodies: &[BodyMotion; SLOTS],
     closed: SocketSet,
     mass: &mut [[Six; 6]; BODIES],
     rows: &mut Rows,

@@ -7,7 +7,9 @@
 use nalgebra::Vector3;
 
 use crate::kinematics::{Arm, BodyMotion, SocketSet};
-use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::bodies::{
+    ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, SLOTS, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER,
+};
 use crate::machine::{ARMS, Actuator, Geometry, STRUTS};
 use crate::twin::constraints::ROWS;
 
@@ -111,20 +113,20 @@ impl Rows {
     }
 
     /// Computes the rows of all joints with the sockets in `closed`; `lengths` are the strut lengths, m.
-    pub fn fill(&mut self, geometry: &Geometry, lengths: &[f64; STRUTS], b: &[BodyMotion; BODIES], closed: SocketSet) {
+    pub fn fill(&mut self, geometry: &Geometry, lengths: &[f64; STRUTS], b: &[BodyMotion; SLOTS], closed: SocketSet) {
         for i in 0..ARMS {
             let (row, block, arm) = (bearing(i), bearing_block(i), &b[ARM + i]);
-            match geometry.arms {
+            match geometry.limbs[i].actuator {
                 Actuator::Revolute => {
-                    let shaft = Point::fixed(Geometry::radial(i) * geometry.base_radius);
+                    let shaft = Point::fixed(geometry.limbs[i].shaft());
                     self.same_point(row, Point::new(block, arm, Vector3::zeros()), shaft);
                     let y = Axis::new(block + 3, arm, 1);
-                    self.normal(row + 3, y, Axis::fixed(Geometry::radial(i)));
+                    self.normal(row + 3, y, Axis::fixed(geometry.limbs[i].radial()));
                     self.normal(row + 4, Axis { block: Some(block + 4), ..y }, Axis::fixed(Vector3::z()));
                 }
                 Actuator::Prismatic { .. } => {
-                    let guide = Arm::new(geometry, i, 0.0);
-                    let (v, offset) = (Geometry::tangential(i), arm.position - guide.origin);
+                    let guide = Arm::new(&geometry.limbs[i], 0.0);
+                    let (v, offset) = (geometry.limbs[i].tangential(), arm.position - guide.origin);
                     for (k, across) in [v, guide.z].into_iter().enumerate() {
                         (self.values[row + k], self.gamma[row + k]) = (offset.dot(&across), 0.0);
                         self.write(block + k, &across, &Vector3::zeros());
@@ -140,9 +142,8 @@ impl Rows {
         self.normal(row + 3, Axis::new(block + 3, rotor, 2), Axis::fixed(Vector3::x()));
         self.normal(row + 4, Axis::new(block + 4, rotor, 2), Axis::fixed(Vector3::y()));
         for s in 0..STRUTS {
-            let (strut, pair) = (&b[STRUT + s], geometry.pair_offset(s));
-            let on_arm = Vector3::new(geometry.arm_length, pair, 0.0);
-            let on_platform = Geometry::radial(s / 2) * geometry.platform_radius + Geometry::tangential(s / 2) * pair;
+            let strut = &b[STRUT + s];
+            let (on_arm, on_platform) = (geometry.elbow_ball(s), geometry.platform_ball(s));
             let along = Vector3::new(lengths[s], 0.0, 0.0);
             let elbow = [(elbow_on_strut(s), strut, Vector3::zeros()), (elbow_on_arm(s), &b[ARM + s / 2], on_arm)];
             let ball = [(ball_on_strut(s), strut, along), (ball_on_platform(s), &b[PLATFORM], on_platform)];
@@ -163,7 +164,7 @@ impl Rows {
     }
 
     /// Computes the rows of pivot, Hooke joints and telescope.
-    fn chain(&mut self, geometry: &Geometry, b: &[BodyMotion; BODIES]) {
+    fn chain(&mut self, geometry: &Geometry, b: &[BodyMotion; SLOTS]) {
         let [platform, ee, rotor, upper, lower] =
             [PLATFORM, END_EFFECTOR, ROTOR, TELESCOPE_UPPER, TELESCOPE_LOWER].map(|k| &b[k]);
         let origin = Vector3::zeros();

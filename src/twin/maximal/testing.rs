@@ -9,8 +9,8 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::dynamics::inertial_wrench;
 use crate::kinematics::{JointState, Motion};
-use crate::machine::bodies::{ROTOR, TELESCOPE_UPPER};
-use crate::machine::{ARMS, Geometry, Setup};
+use crate::machine::bodies::{ARM, ROTOR, TELESCOPE_UPPER};
+use crate::machine::{ARMS, Setup};
 use crate::model::testing::irb360;
 use crate::twin::absolute;
 
@@ -22,13 +22,13 @@ pub(super) struct State {
 
 impl State {
     pub(super) fn new(motion: &Motion) -> Self {
-        let bodies = motion.bodies.map(|b| BodyState {
+        let state = |b: &BodyMotion| BodyState {
             position: b.position,
             orientation: *UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(b.rotation)),
             velocity: b.velocity,
             angular_velocity: b.rotation.tr_mul(&b.angular_velocity),
-        });
-        Self { bodies }
+        };
+        Self { bodies: std::array::from_fn(|b| state(&motion.bodies[b])) }
     }
 
     pub(super) fn motion(&self, plant: &Plant) -> Motion {
@@ -123,7 +123,7 @@ pub(super) fn joints(plant: &Plant, rng: &mut ChaCha8Rng) -> JointState {
 }
 
 pub(super) fn lengths(plant: &Plant) -> [f64; STRUTS] {
-    std::array::from_fn(|s| plant.geometry.strut_length[s / 2])
+    std::array::from_fn(|s| plant.geometry.limbs[s / 2].strut_length)
 }
 
 pub(super) fn vector(rng: &mut ChaCha8Rng, size: f64) -> Vector3<f64> {
@@ -143,7 +143,7 @@ pub(super) fn disturbed(plant: &Plant, rng: &mut ChaCha8Rng, size: f64) -> Motio
 }
 
 /// Pose and velocities after `h` s at given accelerations, to second order.
-pub(super) fn moved(motion: &Motion, a: &[Pair; BODIES], h: f64) -> Motion {
+pub(super) fn moved(motion: &Motion, a: &[Pair; SLOTS], h: f64) -> Motion {
     let mut out = *motion;
     for (b, (linear, angular)) in out.bodies.iter_mut().zip(a) {
         b.position += b.velocity * h + linear * (0.5 * h * h);
@@ -155,7 +155,7 @@ pub(super) fn moved(motion: &Motion, a: &[Pair; BODIES], h: f64) -> Motion {
     out
 }
 
-pub(super) fn times(rows: &Rows, x: &[Pair; BODIES]) -> [f64; ROWS] {
+pub(super) fn times(rows: &Rows, x: &[Pair; SLOTS]) -> [f64; ROWS] {
     let mut out = [0.0; ROWS];
     for b in 0..BODIES {
         for k in BODY[b]..BODY[b + 1] {
@@ -165,15 +165,18 @@ pub(super) fn times(rows: &Rows, x: &[Pair; BODIES]) -> [f64; ROWS] {
     out
 }
 
-pub(super) fn velocities(motion: &Motion) -> [Pair; BODIES] {
+pub(super) fn velocities(motion: &Motion) -> [Pair; SLOTS] {
     motion.bodies.map(|b| (b.velocity, b.angular_velocity))
 }
 
-pub(super) fn torques(tau: &[f64; 4]) -> [Pair; BODIES] {
-    let mut out = [STILL; BODIES];
+pub(super) fn torques(tau: &[f64; 4]) -> [Pair; SLOTS] {
+    let mut out = [STILL; SLOTS];
     for (a, tau) in tau.iter().enumerate() {
-        let axis = if a < ARMS { Geometry::tangential(a) } else { Vector3::z() };
-        out[Motion::driven(a)].1 += axis * *tau;
+        let (body, axis) = match a < ARMS {
+            true => (ARM + a, plant().geometry.limbs[a].tangential()),
+            false => (ROTOR, Vector3::z()),
+        };
+        out[body].1 += axis * *tau;
     }
     out
 }
@@ -182,7 +185,7 @@ pub(super) fn without(open: &[usize]) -> SocketSet {
     open.iter().fold(SocketSet::ALL, |set, &k| set.without(k))
 }
 
-pub(super) fn with_accelerations(motion: &Motion, solution: &Solution) -> [BodyMotion; BODIES] {
+pub(super) fn with_accelerations(motion: &Motion, solution: &Solution) -> [BodyMotion; SLOTS] {
     let mut bodies = motion.bodies;
     for (b, a) in bodies.iter_mut().zip(&solution.bodies) {
         (b.acceleration, b.angular_acceleration) = *a;
@@ -191,7 +194,7 @@ pub(super) fn with_accelerations(motion: &Motion, solution: &Solution) -> [BodyM
 }
 
 /// Force and moment about the inertial origin required by inertia and weight of `set`.
-pub(super) fn demand(plant: &Plant, bodies: &[BodyMotion; BODIES], set: impl Iterator<Item = usize>) -> Pair {
+pub(super) fn demand(plant: &Plant, bodies: &[BodyMotion; SLOTS], set: impl Iterator<Item = usize>) -> Pair {
     set.fold(STILL, |sum, b| {
         let (force, moment) = inertial_wrench(&plant.bodies[b], &bodies[b], &plant.gravity_vector());
         (sum.0 + force, sum.1 + moment + bodies[b].position.cross(&force))
@@ -206,7 +209,7 @@ pub(super) fn step(plant: &Plant, maximal: &mut MaximalCoordinates, state: &mut 
     let mut stage = state.clone();
     for (ahead, weight) in &mut stages {
         let motion = stage.motion(plant);
-        let a = maximal.solve(plant, &motion.bodies, closed, &[STILL; BODIES], None).unwrap();
+        let a = maximal.solve(plant, &motion.bodies, closed, &[STILL; SLOTS], None).unwrap();
         for b in 0..BODIES {
             let s = stage.bodies[b];
             let turn = s.orientation * Quaternion::from_imag(s.angular_velocity) * 0.5;
@@ -227,18 +230,18 @@ pub(super) fn step(plant: &Plant, maximal: &mut MaximalCoordinates, state: &mut 
 }
 
 /// All struts and arms hang straight down: three of the six strut rows are redundant.
-pub(super) fn hanging() -> (Plant, [BodyMotion; BODIES]) {
+pub(super) fn hanging() -> (Plant, [BodyMotion; SLOTS]) {
     let mut plant = plant();
     let g = &mut plant.geometry;
-    g.base_radius = g.platform_radius;
+    let radius = g.platform_radius();
+    g.limbs.iter_mut().for_each(|limb| limb.base_radius = radius);
     g.upper_hooke_height = 0.3;
     let g = plant.geometry;
     let joints = JointState { q: [FRAC_PI_2; 4], qd: [0.0; 4], qdd: [0.0; 4] };
     let mut bodies = Motion::disassembled(&g, &joints).bodies;
-    let height = -g.arm_length - g.strut_length[0];
+    let height = -g.limbs[0].arm_length - g.limbs[0].strut_length;
     for s in 0..STRUTS {
-        let foot = Geometry::radial(s / 2) * g.platform_radius + Geometry::tangential(s / 2) * g.pair_offset(s);
-        bodies[STRUT + s].position = foot - Vector3::z() * g.arm_length;
+        bodies[STRUT + s].position = g.platform_ball(s) - Vector3::z() * g.limbs[0].arm_length;
         bodies[STRUT + s].rotation = Rotation3::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2).into_inner();
     }
     // Rotor and cross axes are rotated equally by q4.

@@ -8,8 +8,8 @@ use super::testing::*;
 use super::*;
 use crate::dynamics::inertial_wrench;
 use crate::kinematics::{JointState, Motion};
+use crate::machine::ARMS;
 use crate::machine::bodies::{ARM, ROTOR};
-use crate::machine::{ARMS, Geometry};
 use crate::twin::constraints::rows;
 use crate::twin::{Torque, Twin, energy};
 
@@ -21,7 +21,7 @@ fn jacobian_and_velocity_products_are_derivatives_of_the_rows() {
         let motion = disturbed(&plant, &mut rng, 0.2);
         let mut analytic = Rows::new();
         analytic.fill(&plant.geometry, &lengths(&plant), &motion.bodies, SocketSet::ALL);
-        let a: [Pair; BODIES] = std::array::from_fn(|_| (vector(&mut rng, 50.0), vector(&mut rng, 50.0)));
+        let a: [Pair; SLOTS] = std::array::from_fn(|_| (vector(&mut rng, 50.0), vector(&mut rng, 50.0)));
         let h = 1e-5;
         let [before, now, after] = [-h, 0.0, h].map(|h| rows(&plant.geometry, &moved(&motion, &a, h)));
         let (gv, ga) = (times(&analytic, &velocities(&motion)), times(&analytic, &a));
@@ -83,7 +83,7 @@ fn a_strut_without_sockets_flies_freely() {
         let mut motion = plant.motion(&joints(&plant, &mut rng)).unwrap();
         motion.bodies[STRUT + 2].angular_velocity = vector(&mut rng, 20.0);
         motion.bodies[STRUT + 2].velocity = vector(&mut rng, 5.0);
-        let solution = maximal.solve(&plant, &motion.bodies, closed, &[STILL; BODIES], None).unwrap().clone();
+        let solution = maximal.solve(&plant, &motion.bodies, closed, &[STILL; SLOTS], None).unwrap().clone();
         let strut = with_accelerations(&motion, &solution)[STRUT + 2];
         let centre = strut.rotation * plant.bodies[STRUT + 2].first_moment / plant.bodies[STRUT + 2].mass;
         let (omega, alpha) = (strut.angular_velocity, strut.angular_acceleration);
@@ -139,7 +139,7 @@ fn the_platform_falls_on_the_telescope_when_all_sockets_are_open() {
                 let (force, moment) =
                     inertial_wrench(&plant.bodies[ARM + i], &bodies[ARM + i], &plant.gravity_vector());
                 worst = worst.max((force - joints.arms[i].0).norm());
-                worst = worst.max((moment - joints.arms[i].1 - Geometry::tangential(i) * tau[i]).norm());
+                worst = worst.max((moment - joints.arms[i].1 - plant.geometry.limbs[i].tangential() * tau[i]).norm());
             }
         }
     }
@@ -157,7 +157,7 @@ fn socket_forces_balance_each_strut_whatever_is_open() {
             let mut state = State::new(&disturbed(&plant, &mut rng, 0.01));
             maximal.project(&plant, &mut state.bodies, closed).unwrap();
             let motion = state.motion(&plant);
-            let mut wrenches = [STILL; BODIES];
+            let mut wrenches = [STILL; SLOTS];
             for w in &mut wrenches {
                 *w = (vector(&mut rng, 5.0), vector(&mut rng, 0.02));
             }
@@ -259,7 +259,7 @@ fn projection_restores_poses_and_velocities() {
     // Struts too short to close the loops.
     let mut short = plant();
     let mut state = State::new(&short.motion(&joints(&short, &mut rng)).unwrap());
-    short.geometry.strut_length = [0.05, 1.9, 1.9];
+    short.geometry.limbs.iter_mut().zip([0.05, 1.9, 1.9]).for_each(|(limb, length)| limb.strut_length = length);
     assert_eq!(maximal.project(&short, &mut state.bodies, SocketSet::ALL), Err(SingularPose));
 }
 
@@ -269,7 +269,7 @@ fn impulses_conserve_momentum() {
     let closed = without(&[2, 8]);
     for _ in 0..10 {
         let motion = plant.motion(&joints(&plant, &mut rng)).unwrap();
-        let impulses: [Pair; BODIES] = std::array::from_fn(|_| (vector(&mut rng, 2.0), vector(&mut rng, 0.01)));
+        let impulses: [Pair; SLOTS] = std::array::from_fn(|_| (vector(&mut rng, 2.0), vector(&mut rng, 0.01)));
         let after = maximal.impulse(&plant, &plant.bodies, &motion.bodies, closed, &impulses).unwrap().clone();
         let mut then = motion;
         for (b, x) in then.bodies.iter_mut().zip(&after.bodies) {
@@ -304,7 +304,7 @@ fn picking_up_a_product_at_rest_loses_energy_as_a_plastic_shock() {
     let motion = plant.motion(&joints).unwrap();
     let mut loaded = plant.clone();
     loaded.bodies[END_EFFECTOR] += Inertia::point(2.0, Vector3::new(0.0, 0.0, -0.05));
-    let after = maximal.impulse(&loaded, &plant.bodies, &motion.bodies, SocketSet::ALL, &[STILL; BODIES]).unwrap();
+    let after = maximal.impulse(&loaded, &plant.bodies, &motion.bodies, SocketSet::ALL, &[STILL; SLOTS]).unwrap();
     let mut then = motion;
     for (b, x) in then.bodies.iter_mut().zip(&after.bodies) {
         (b.velocity, b.angular_velocity) = *x;
@@ -330,8 +330,8 @@ fn damping_adds_to_the_inertia() {
         let own = motion.bodies[b].rotation.tr_mul(&screw.angular);
         heavier.bodies[b].tensor += own * own.transpose() * 0.4;
     }
-    let a = maximal.solve(&plant, &motion.bodies, SocketSet::ALL, &[STILL; BODIES], Some(&damping)).unwrap().clone();
-    let b = maximal.solve(&heavier, &motion.bodies, SocketSet::ALL, &[STILL; BODIES], None).unwrap();
+    let a = maximal.solve(&plant, &motion.bodies, SocketSet::ALL, &[STILL; SLOTS], Some(&damping)).unwrap().clone();
+    let b = maximal.solve(&heavier, &motion.bodies, SocketSet::ALL, &[STILL; SLOTS], None).unwrap();
     for (a, b) in a.bodies.iter().zip(&b.bodies) {
         assert!((a.0 - b.0).norm() < 1e-10 && (a.1 - b.1).norm() < 1e-9);
     }
@@ -371,7 +371,7 @@ fn bodies_without_inertia_are_solved_exactly() {
 fn redundant_rows_do_not_stop_a_run() {
     let (plant, mut bodies) = hanging();
     let mut maximal = MaximalCoordinates::new();
-    let solution = maximal.solve(&plant, &bodies, SocketSet::ALL, &[STILL; BODIES], None).unwrap().clone();
+    let solution = maximal.solve(&plant, &bodies, SocketSet::ALL, &[STILL; SLOTS], None).unwrap().clone();
     assert!(maximal.violation() < 1e-15 && maximal.0.regularised);
     for (b, a) in solution.bodies.iter().enumerate().skip(PLATFORM) {
         assert!(a.0.norm() < 1e-9 && a.1.norm() < 1e-9, "body {b}: {a:?}");
@@ -381,5 +381,5 @@ fn redundant_rows_do_not_stop_a_run() {
     assert!((carried - weight).abs() < 1e-9, "{carried} of {weight}");
     // A platform without a valid orientation.
     bodies[PLATFORM].rotation[(0, 1)] = f64::NAN;
-    assert_eq!(maximal.solve(&plant, &bodies, SocketSet::ALL, &[STILL; BODIES], None).unwrap_err(), SingularPose);
+    assert_eq!(maximal.solve(&plant, &bodies, SocketSet::ALL, &[STILL; SLOTS], None).unwrap_err(), SingularPose);
 }

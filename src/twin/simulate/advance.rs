@@ -3,7 +3,7 @@
 use nalgebra::{Rotation3, Vector3};
 
 use super::{INSTANT, Run};
-use crate::kinematics::{Motion, SocketSet};
+use crate::kinematics::Motion;
 use crate::machine::STRUTS;
 use crate::machine::bodies::{END_EFFECTOR, STRUT};
 use crate::numerics::{halvings, try_bisect};
@@ -78,7 +78,7 @@ impl Run<'_> {
     /// Makes a step of `h` s; false if it is to be made again with a shorter one.
     fn try_step(&mut self, h: f64) -> Result<bool, SingularPose> {
         let made = self.step(h);
-        if self.twin.closed() == SocketSet::ALL {
+        if self.twin.is_whole() {
             return made.map(|()| true);
         }
         let error = if made.is_ok() { self.twin.step_error() } else { f64::INFINITY };
@@ -106,7 +106,7 @@ impl Run<'_> {
     /// controller to be followed.
     fn longest_step(&self) -> f64 {
         let given = self.period / self.options.substeps as f64;
-        if self.twin.closed() == SocketSet::ALL { given } else { self.pace.max(given) }
+        if self.twin.is_whole() { given } else { self.pace.max(given) }
     }
 
     /// Adapts the pace of a broken robot to the estimated `error` of its last step, of `h` s: never finer than the given
@@ -145,7 +145,7 @@ impl Run<'_> {
             return h;
         }
         let longest = self.options.contact_steps * contacts.longest_step();
-        if closed != SocketSet::ALL && contacts.resistances(&motion).is_some() {
+        if !self.twin.is_whole() && contacts.resistances(&motion).is_some() {
             self.finest = Some(longest);
             return h.min(self.pace.max(longest));
         }

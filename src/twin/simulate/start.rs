@@ -4,8 +4,8 @@ use super::{Reported, Run, pose};
 use crate::cell::CellError;
 use crate::dynamics::{Plant, inverse_dynamics};
 use crate::kinematics::{JointState, KinematicsError, Motion, Target};
-use crate::machine::bodies::{BODIES, body_name};
-use crate::machine::{ARMS, AXES, Setup};
+use crate::machine::bodies::{SLOTS, body_name};
+use crate::machine::{ARMS, AXES, MAX_STRUTS, Setup};
 use crate::model::Model;
 use crate::twin::contacts::{Contacts, Surroundings};
 use crate::twin::controller::Controller;
@@ -32,8 +32,13 @@ impl<'a> Run<'a> {
         }
         let plant = Plant::new(model, setup);
         let trajectory = |reason| SimulationError::Trajectory { t: 0.0, reason };
-        if !plant.assembled {
-            possible_without_platform(options)?;
+        let fitted = |s: usize| options.sensors.strut_upper[s] || options.sensors.strut_lower[s];
+        let struts = plant.mechanism.struts();
+        if let Some(s) = (struts..MAX_STRUTS).find(|&s| plant.assembled && fitted(s)) {
+            return Err(SimulationError::NoStrut { strut: s + 1, struts });
+        }
+        if !plant.is_closed_delta() {
+            possible_in_drives(options, plant.assembled)?;
         }
         let wanted = desired(0.0).joints(&plant.geometry).map_err(trajectory)?;
         let (joints, deflection) = balance(&plant, &wanted).map_err(trajectory)?;
@@ -45,7 +50,7 @@ impl<'a> Run<'a> {
             }
         }
         let contacts = contacts(options, &plant, &motion).map_err(|reason| SimulationError::Cell { t: 0.0, reason })?;
-        let assembled = plant.assembled;
+        let (assembled, closed) = (plant.assembled, plant.is_closed_delta());
         let mut twin =
             Twin::formulated(plant, &motion, options.formulation).map_err(|_| singular_start(&motion, assembled))?;
         twin.deflect_gears(&deflection);
@@ -53,7 +58,7 @@ impl<'a> Run<'a> {
         let controller = Controller::new(controller_plant, model.drives, options.gains, step);
         let torque = Torque::constant(controller.feed_forward(&wanted).map_err(trajectory)?);
         let clamps = match options.clamps {
-            _ if !assembled => Clamps::none(),
+            _ if !closed => Clamps::none(),
             Some(clamps) => clamps,
             None => Clamps::watched(&model.sockets),
         };
@@ -76,7 +81,7 @@ impl<'a> Run<'a> {
             wanted,
             tripped: false,
             checkpoint: Checkpoint::default(),
-            contact: [STILL; BODIES],
+            contact: [STILL; SLOTS],
             strongest: Vec::new(),
             touching: Vec::new(),
             rest_since: None,
@@ -93,14 +98,16 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Rejects options that require a platform or struts.
-fn possible_without_platform(options: &Options) -> Result<(), SimulationError> {
+/// Rejects options of the free bodies of a delta robot, and without a platform those of struts.
+fn possible_in_drives(options: &Options, assembled: bool) -> Result<(), SimulationError> {
     let fitted = &options.sensors;
+    let struts = fitted.strut_upper.iter().chain(&fitted.strut_lower).any(|s| *s);
     for (what, asked) in [
         ("objects and what a gripper does", !options.objects.is_empty() || !options.actions.is_empty()),
         ("sockets that may leave their balls", options.clamps.is_some_and(|c| c.armed)),
         ("margins of sockets", fitted.sockets),
-        ("strut force sensors", fitted.strut_upper.iter().chain(&fitted.strut_lower).any(|s| *s)),
+        ("strut force sensors", struts && !assembled),
+        ("bodies in absolute coordinates", options.formulation == crate::scenario::Formulation::Absolute && assembled),
     ] {
         if asked {
             return Err(SimulationError::Missing { what });

@@ -10,12 +10,12 @@ use serde_json::{Map, Value, json};
 
 use crate::data::Outside;
 use crate::terminal::{DONE, Table, assembled_robot, check_output, path, say, spinner, warn, wrapped, write_figure};
-use deltatwin::constraint_forces::{Detail, MULTIPLIERS, Multipliers, constraint_forces};
-use deltatwin::dynamics::Plant;
+use deltatwin::constraint_forces::{Detail, Multipliers, constraint_forces};
+use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::identification::{Dataset, residuals};
 use deltatwin::kinematics::JointState;
 use deltatwin::kinematics::motion::SOCKETS;
-use deltatwin::machine::{STRUTS, Setup};
+use deltatwin::machine::{STRUTS, Setup, Unit};
 use deltatwin::model::Model;
 use deltatwin::recording::{Channel, Series};
 use deltatwin::text::significant;
@@ -95,33 +95,121 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     if !plant.assembled {
         return Err(miette!("{}: is of a disassembled robot; expected an assembled one", args.motion.display()));
     }
-    let clamps = Clamps::watched(&model.sockets);
+    if args.loads == Which::Reduced && !plant.is_closed_delta() {
+        return Err(miette!("--loads reduced: the paper's reduced model is of three limbs and one platform"));
+    }
+    let rows = rows(&model);
     let progress = spinner("forces");
+    let (forces, margins) = compute(args, &model, &plant, &motion)?;
+    progress.finish_and_clear();
+    let loads = Loads { rows: &rows, forces: &forces, margins: &least(&rows, &forces, &margins) };
+    if let Some(output) = &args.output {
+        write_table(output, &loads, &motion.t)?;
+    }
+    if let Some(figure) = &args.figure {
+        write_figure(figure, &draw(&model, &motion, &loads))?;
+    }
+    if args.json { say(to_json(args, &motion, &loads)) } else { print(args, &motion, &loads) }?;
+    Ok(DONE)
+}
+
+/// Forces in the order of [`rows`] and margins of the sockets, at every instant; no margins on relatives of the delta robot.
+fn compute(
+    args: &Args,
+    model: &Model,
+    plant: &Plant,
+    motion: &Motion,
+) -> miette::Result<(Vec<Vec<f64>>, Vec<Margins>)> {
+    let clamps = Clamps::watched(&model.sockets);
     let one = |(k, (t, joints)): (usize, (&f64, &JointState))| {
         let pose = plant.motion(joints)?;
         let own = plant.steady_states(*t, &pose);
         let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
-        let forces = constraint_forces(&plant, *t, &pose, &states, args.loads.into()).map_err(|e| e.at_sample(k))?;
-        Ok((forces.to_array(), clamps.along(&plant, *t, &pose)?.1))
+        if !plant.is_closed_delta() {
+            let out = inverse_dynamics(plant, *t, &pose, &states, true).map_err(|e| e.at_sample(k))?;
+            let struts = plant.mechanism.struts();
+            let (upper, lower) = (&out.reactions.upper[..struts], &out.reactions.lower[..struts]);
+            return Ok(([lower, upper, &out.tau[..plant.mechanism.axes()]].concat(), None));
+        }
+        let forces = constraint_forces(plant, *t, &pose, &states, args.loads.into()).map_err(|e| e.at_sample(k))?;
+        let own = forces.to_array()[Multipliers::of(plant.mechanism)].to_vec();
+        Ok((own, Some(clamps.along(plant, *t, &pose)?.1)))
     };
     let loads: Result<Vec<_>, deltatwin::kinematics::KinematicsError> =
         motion.t.par_iter().zip(&motion.joints).enumerate().map(one).collect();
-    progress.finish_and_clear();
     let loads = loads.into_diagnostic().wrap_err_with(|| args.motion.display().to_string())?;
-    let (forces, margins): (Vec<_>, Vec<_>) = loads.into_iter().unzip();
-    let margins = least(&model, &forces, &margins);
-    if let Some(output) = &args.output {
-        write_table(output, Multipliers::of(model.mechanism), &motion.t, &forces)?;
+    Ok(loads.into_iter().unzip())
+}
+
+/// Margins of all sockets at one instant, N.
+type Margins = Option<[f64; SOCKETS]>;
+
+/// One multiplier.
+struct Row {
+    name: String,
+    unit: String,
+    /// Limit of the machine: drive torque (N·m), or dislocation force of a socket without pull along its opening (N).
+    limit: Option<f64>,
+    /// Strut force as which it may be measured.
+    channel: Option<Channel>,
+}
+
+/// Multipliers of an assembled machine in order: the load of the end effector, where there is a telescope, axial forces of
+/// the struts at the plate and at the elbows, and torques of the drives.
+fn rows(model: &Model) -> Vec<Row> {
+    let (mechanism, drives) = (model.mechanism, &model.drives);
+    let row = |name: String, unit: Unit, limit: f64| Row {
+        name,
+        unit: unit.to_string(),
+        limit: Some(limit).filter(|l| *l > 0.0),
+        channel: None,
+    };
+    let names = Multipliers::names();
+    let bearing = (0..if mechanism.has_telescope() { 6 } else { 0 }).map(|k| {
+        let limit = if k == 5 { drives[3].max_torque } else { 0.0 };
+        row(names[k].clone(), Multipliers::unit(mechanism, k), limit)
+    });
+    let hold = model.sockets.dislocation_force;
+    let struts = |letter: char, of: fn(usize) -> Channel| {
+        (0..mechanism.struts()).map(move |s| {
+            let own = row(format!("lambda_{letter}{}", s + 1), Unit::N, hold);
+            Row { channel: Some(of(s)), ..own }
+        })
+    };
+    let arms = (0..mechanism.arms())
+        .map(|i| row(format!("lambda_a{}", i + 1), mechanism.unit(Unit::NM), drives[i].max_torque));
+    bearing.chain(struts('p', Channel::StrutLower)).chain(struts('s', Channel::StrutUpper)).chain(arms).collect()
+}
+
+/// Multipliers over time, and the least margin of each.
+struct Loads<'a> {
+    rows: &'a [Row],
+    forces: &'a [Vec<f64>],
+    margins: &'a [Option<f64>],
+}
+
+impl Loads<'_> {
+    /// Index of the row of a measured strut force.
+    fn place(&self, channel: Channel) -> Option<usize> {
+        self.rows.iter().position(|row| row.channel == Some(channel))
     }
-    if let Some(figure) = &args.figure {
-        write_figure(figure, &draw(&model, &motion, &forces))?;
+
+    /// Row `k` over time.
+    fn series(&self, k: usize) -> Vec<f64> {
+        self.forces.iter().map(|f| f[k]).collect()
     }
-    if args.json {
-        say(to_json(args, &model, &motion, (&forces, &margins)))
-    } else {
-        print(args, &model, &motion, (&forces, &margins))
-    }?;
-    Ok(DONE)
+
+    /// Smallest, largest and RMS value of row `k`.
+    fn statistics(&self, k: usize) -> [f64; 3] {
+        let of = || self.forces.iter().map(|f| f[k]);
+        let rms = (of().map(|f| f * f).sum::<f64>() / self.forces.len() as f64).sqrt();
+        [of().fold(f64::INFINITY, f64::min), of().fold(f64::NEG_INFINITY, f64::max), rms]
+    }
+
+    /// RMS of the difference between measured and computed values, and RMS of the measured ones.
+    fn difference(&self, measured: &[f64], k: usize) -> [f64; 2] {
+        [residuals::rms(&residuals::difference(measured, &self.series(k))), residuals::rms(measured)]
+    }
 }
 
 fn read(args: &Args, model: &Model) -> miette::Result<Motion> {
@@ -147,54 +235,25 @@ fn read(args: &Args, model: &Model) -> miette::Result<Motion> {
     Ok(Motion { setup: dataset.setup, t: dataset.t, joints: dataset.joints, measured: measured.collect() })
 }
 
-/// Index of a measured strut force among the multipliers.
-fn place(channel: Channel) -> usize {
-    let upper = matches!(channel, Channel::StrutUpper(_));
-    if upper { 12 + channel.index() } else { 6 + channel.index() }
-}
-
-/// Limit of the machine on multiplier `k`: drive torque (N·m), or dislocation force of a socket without pull along its
-/// opening (N); `None` without a limit.
-fn limit(model: &Model, k: usize) -> Option<f64> {
-    match k {
-        0..5 => None,
-        5 => Some(model.drives[3].max_torque),
-        6..18 => Some(model.sockets.dislocation_force),
-        _ => Some(model.drives[k - 18].max_torque),
-    }
-    .filter(|l| *l > 0.0)
-}
-
 /// Least margin of every multiplier with a limit, in its unit: of a strut's force the least one of the ball socket at that
 /// end, from all loads ([`Clamps::margins`]), else the limit less the largest magnitude.
-fn least(model: &Model, forces: &[[f64; MULTIPLIERS]], margins: &[[f64; SOCKETS]]) -> [Option<f64>; MULTIPLIERS] {
-    std::array::from_fn(|k| match k {
-        6..18 => {
-            let socket = if k < 12 { STRUTS + k - 6 } else { k - 12 };
-            Some(margins.iter().map(|m| m[socket]).fold(f64::INFINITY, f64::min))
+fn least(rows: &[Row], forces: &[Vec<f64>], margins: &[Margins]) -> Vec<Option<f64>> {
+    let least = |k: usize, row: &Row| match row.channel {
+        Some(channel) => {
+            let socket = channel.index() + if matches!(channel, Channel::StrutLower(_)) { STRUTS } else { 0 };
+            margins.iter().map(|m| Some(m.as_ref()?[socket])).try_fold(f64::INFINITY, |least, m| Some(least.min(m?)))
         }
-        _ => limit(model, k).map(|l| l - forces.iter().map(|f| f[k].abs()).fold(0.0, f64::max)),
-    })
+        None => row.limit.map(|l| l - forces.iter().map(|f| f[k].abs()).fold(0.0, f64::max)),
+    };
+    rows.iter().enumerate().map(|(k, row)| least(k, row)).collect()
 }
 
-/// Smallest, largest and RMS value of multiplier `k`.
-fn statistics(forces: &[[f64; MULTIPLIERS]], k: usize) -> [f64; 3] {
-    let of = || forces.iter().map(|f| f[k]);
-    let rms = (of().map(|f| f * f).sum::<f64>() / forces.len() as f64).sqrt();
-    [of().fold(f64::INFINITY, f64::min), of().fold(f64::NEG_INFINITY, f64::max), rms]
-}
-
-/// RMS of the difference between measured and computed values, and RMS of the measured ones.
-fn difference(measured: &[f64], forces: &[[f64; MULTIPLIERS]], k: usize) -> [f64; 2] {
-    let computed: Vec<f64> = forces.iter().map(|f| f[k]).collect();
-    [residuals::rms(&residuals::difference(measured, &computed)), residuals::rms(measured)]
-}
-
-fn write_table(target: &Path, own: Range<usize>, t: &[f64], forces: &[[f64; MULTIPLIERS]]) -> miette::Result<()> {
+fn write_table(target: &Path, loads: &Loads, t: &[f64]) -> miette::Result<()> {
+    let names: Vec<&str> = loads.rows.iter().map(|row| row.name.as_str()).collect();
     file::replace(target, |out| -> std::io::Result<()> {
-        writeln!(out, "t,{}", Multipliers::names()[own.clone()].join(","))?;
-        for (t, row) in t.iter().zip(forces) {
-            let cells: Vec<String> = row[own.clone()].iter().map(f64::to_string).collect();
+        writeln!(out, "t,{}", names.join(","))?;
+        for (t, row) in t.iter().zip(loads.forces) {
+            let cells: Vec<String> = row.iter().map(f64::to_string).collect();
             writeln!(out, "{t},{}", cells.join(","))?;
         }
         Ok(())
@@ -202,12 +261,11 @@ fn write_table(target: &Path, own: Range<usize>, t: &[f64], forces: &[[f64; MULT
     .into_diagnostic()
 }
 
-fn draw(model: &Model, motion: &Motion, forces: &[[f64; MULTIPLIERS]]) -> deltatwin_report::Figure {
-    let series = |k: usize| -> Vec<f64> { forces.iter().map(|f| f[k]).collect() };
-    let names = Multipliers::names();
-    let line = |k: usize, label: &str| Curve::new(label, motion.t.clone(), series(k));
-    let pairs = |first: usize, label: &str| -> Vec<Panel> {
-        (0..STRUTS / 2)
+fn draw(model: &Model, motion: &Motion, loads: &Loads) -> deltatwin_report::Figure {
+    let line = |k: usize, label: &str| Curve::new(label, motion.t.clone(), loads.series(k));
+    let first = loads.place(Channel::StrutUpper(0)).unwrap_or(0);
+    let pairs = |label: &str| -> Vec<Panel> {
+        (0..model.mechanism.limbs())
             .map(|limb| {
                 let curves = [2 * limb, 2 * limb + 1].map(|s| {
                     let which =
@@ -219,9 +277,9 @@ fn draw(model: &Model, motion: &Motion, forces: &[[f64; MULTIPLIERS]]) -> deltat
             })
             .collect()
     };
-    let mut all = pairs(12, "λ_S");
+    let mut all = pairs("λ_S");
     for (channel, values) in &motion.measured {
-        let k = place(*channel);
+        let Some(k) = loads.place(*channel) else { continue };
         let measured = Curve::new("measured", motion.t.clone(), values.to_vec()).color(Color::MEASURED);
         let computed = line(k, "computed").color(Color::MODEL).style(Style::Dashed);
         all.push(Panel {
@@ -230,7 +288,7 @@ fn draw(model: &Model, motion: &Motion, forces: &[[f64; MULTIPLIERS]]) -> deltat
             curves: vec![measured, computed],
         });
     }
-    let bearing = |range: Range<usize>| range.map(|k| line(k, &names[k])).collect();
+    let bearing = |range: Range<usize>| range.map(|k| line(k, &loads.rows[k].name)).collect();
     if model.mechanism.has_telescope() {
         all.push(Panel { title: "λ_E, moments".into(), y_label: "N·m".into(), curves: bearing(0..2) });
         all.push(Panel { title: "λ_E, forces".into(), y_label: "N".into(), curves: bearing(2..5) });
@@ -238,27 +296,21 @@ fn draw(model: &Model, motion: &Motion, forces: &[[f64; MULTIPLIERS]]) -> deltat
     panels("Constraint forces", "t / s", &all)
 }
 
-/// Multipliers over time, and the least margin of each.
-type Loads<'a> = (&'a [[f64; MULTIPLIERS]], &'a [Option<f64>; MULTIPLIERS]);
-
-fn to_json(args: &Args, model: &Model, motion: &Motion, (forces, margins): Loads) -> Value {
-    let names = Multipliers::names();
-    let multipliers: Map<String, Value> = Multipliers::of(model.mechanism)
-        .map(|k| {
-            let [min, max, rms] = statistics(forces, k);
-            let (unit, limit) = (Multipliers::unit(model.mechanism, k).to_string(), limit(model, k));
-            let entry = json!({
-                "min": min, "max": max, "rms": rms, "unit": unit, "limit": limit, "margin": margins[k],
-            });
-            (names[k].clone(), entry)
-        })
-        .collect();
+fn to_json(args: &Args, motion: &Motion, loads: &Loads) -> Value {
+    let entry = |(k, row): (usize, &Row)| {
+        let [min, max, rms] = loads.statistics(k);
+        let entry = json!({
+            "min": min, "max": max, "rms": rms, "unit": row.unit, "limit": row.limit, "margin": loads.margins[k],
+        });
+        (row.name.clone(), entry)
+    };
+    let multipliers: Map<String, Value> = loads.rows.iter().enumerate().map(entry).collect();
     let measured: Map<String, Value> = motion
         .measured
         .iter()
-        .map(|(channel, values)| {
-            let [rms, size] = difference(values, forces, place(*channel));
-            (channel.to_string(), json!({ "rms_difference": rms, "rms_measured": size, "unit": "N" }))
+        .filter_map(|(channel, values)| {
+            let [rms, size] = loads.difference(values, loads.place(*channel)?);
+            Some((channel.to_string(), json!({ "rms_difference": rms, "rms_measured": size, "unit": "N" })))
         })
         .collect();
     json!({
@@ -271,23 +323,30 @@ fn to_json(args: &Args, model: &Model, motion: &Motion, (forces, margins): Loads
     })
 }
 
-fn print(args: &Args, model: &Model, motion: &Motion, (forces, margins): Loads) -> miette::Result<()> {
+fn print(args: &Args, motion: &Motion, loads: &Loads) -> miette::Result<()> {
     let mut table = Table::new(&["Multiplier", "min", "max", "rms", "limit", "margin", ""], &[6]);
-    let names = Multipliers::names();
-    for k in Multipliers::of(model.mechanism) {
-        let [min, max, rms] = statistics(forces, k);
-        let cells = [Some(min), Some(max), Some(rms), limit(model, k), margins[k]];
+    for (k, row) in loads.rows.iter().enumerate() {
+        let [min, max, rms] = loads.statistics(k);
+        let cells = [Some(min), Some(max), Some(rms), row.limit, loads.margins[k]];
         let cells = cells.map(|v| v.map_or(String::new(), |v| significant(v, 4)));
-        let unit = Multipliers::unit(model.mechanism, k).to_string();
-        table.row(std::iter::once(names[k].clone()).chain(cells).chain([unit]));
+        table.row(std::iter::once(row.name.clone()).chain(cells).chain([row.unit.clone()]));
     }
     say(table)?;
-    let law = "The margin of a strut's force is the least one of the ball socket there, whose hold falls with the pull along \
-               its opening; all loads count.";
+    let law = match loads.rows.iter().position(|row| row.channel.is_some()).and_then(|k| loads.margins[k]) {
+        Some(_) => {
+            "The margin of a strut's force is the least one of the ball socket there, whose hold falls with the pull along \
+             its opening; all loads count."
+        }
+        None => {
+            "Where the struts are more than hold the plate, their forces are those of equally stiff struts without \
+             prestress; torques and sums of a pair do not depend on that. Margins of sockets are known of three limbs."
+        }
+    };
     say(wrapped(law, 2))?;
     say(format!("\n  {} samples over {:.4} s", motion.t.len(), motion.t[motion.t.len() - 1] - motion.t[0]))?;
     for (channel, values) in &motion.measured {
-        let [rms, size] = difference(values, forces, place(*channel));
+        let Some(k) = loads.place(*channel) else { continue };
+        let [rms, size] = loads.difference(values, k);
         say(format!(
             "  {channel}: measured {} N RMS, computed differs by {} N RMS",
             significant(size, 4),

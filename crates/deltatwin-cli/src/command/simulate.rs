@@ -442,18 +442,18 @@ fn print(
     };
     let name = &job.scenario.name;
     say(format!("{name}: simulated {:.4} s in {wall:.2} s, {} steps{ended}", report.simulated, report.steps))?;
-    let assembled = Plant::new(&job.machine, &job.scenario.setup).assembled;
-    if assembled {
+    let plant = Plant::new(&job.machine, &job.scenario.setup);
+    if plant.is_closed_delta() {
         say(format!("  loops      gap {:.1e} m, rate {:.1e} m/s at most", report.max_loop_gap, report.max_loop_rate))?;
     }
     say(format!("  energy     {:.1e} of the work turned over is unaccounted for", report.energy_error))?;
-    if assembled {
+    if plant.assembled {
         let (socket, margin) = weakest(report);
-        say(format!(
-            "  struts     {:.1} N at most; weakest socket {} with a margin of {margin:.1} N",
-            report.peak_strut_force,
-            socket_name(socket)
-        ))?;
+        let weakest = match margin.is_finite() {
+            true => format!("; weakest socket {} with a margin of {margin:.1} N", socket_name(socket)),
+            false => String::new(),
+        };
+        say(format!("  struts     {:.1} N at most{weakest}", report.peak_strut_force))?;
     }
     let machine = job.machine.mechanism;
     let errors: Vec<String> =

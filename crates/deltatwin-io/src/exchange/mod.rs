@@ -16,7 +16,7 @@ use thiserror::Error;
 
 use deltatwin::dynamics::Plant;
 use deltatwin::machine::check::inconsistency;
-use deltatwin::machine::{Inertia, Mechanism, Setup};
+use deltatwin::machine::{Inertia, Setup};
 use deltatwin::model::Model;
 
 use friction::Frictions;
@@ -71,7 +71,7 @@ pub enum ExportError {
 /// An [`ExportError`] for a machine that is none, that does not reach its home pose, or whose bodies are impossible.
 pub fn export(model: &Model, setup: &Setup, format: Format) -> Result<Exported, ExportError> {
     let plant = Plant::new(model, setup);
-    if !plant.assembled || !matches!(model.mechanism, Mechanism::Delta { .. }) {
+    if !plant.is_closed_delta() {
         return Err(ExportError::Machine(model.name.clone()));
     }
     let home = tree::home(&plant).ok_or_else(|| ExportError::Home(model.name.clone()))?;

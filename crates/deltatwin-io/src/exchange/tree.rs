@@ -11,7 +11,7 @@ use deltatwin::kinematics::{JointState, Motion};
 use deltatwin::machine::bodies::{
     ARM, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
 };
-use deltatwin::machine::{ARMS, Actuator, Drive, Geometry, Inertia, STRUTS};
+use deltatwin::machine::{ARMS, Actuator, Drive, Inertia, STRUTS};
 use deltatwin::model::Model;
 
 use super::friction::{Friction, Frictions};
@@ -88,15 +88,11 @@ impl Tree {
         let geometry = &plant.geometry;
         let loops = (0..STRUTS).map(|strut| {
             let limb = strut / 2;
-            let pair = Geometry::tangential(limb) * geometry.pair_offset(strut);
             Loop {
                 name: format!("socket{}_lower", strut + 1),
                 // Arms and struts come first, limb by limb.
                 links: [3 * limb + 1 + strut % 2, platform],
-                points: [
-                    Vector3::x() * geometry.strut_length[limb],
-                    Geometry::radial(limb) * geometry.platform_radius + pair,
-                ],
+                points: [Vector3::x() * geometry.limbs[limb].strut_length, geometry.platform_ball(strut)],
             }
         });
         Self { loops: loops.collect(), links: builder.links }
@@ -107,7 +103,7 @@ struct Builder<'a> {
     model: &'a Model,
     plant: &'a Plant,
     /// Poses of the bodies in the home pose.
-    poses: [Isometry3<f64>; deltatwin::machine::bodies::BODIES],
+    poses: [Isometry3<f64>; deltatwin::machine::bodies::SLOTS],
     frictions: &'a Frictions,
     links: Vec<Link>,
 }
@@ -138,11 +134,11 @@ impl Builder<'_> {
     fn limbs(&mut self) {
         for limb in 0..ARMS {
             let geometry = &self.plant.geometry;
-            let freedom = match geometry.arms {
+            let freedom = match geometry.limbs[limb].actuator {
                 Actuator::Revolute => Freedom::Turn(Vector3::y()),
                 Actuator::Prismatic { .. } => Freedom::Slide(Vector3::x()),
             };
-            let axis = self.driven(limb, freedom, Some(geometry.arm_limits));
+            let axis = self.driven(limb, freedom, Some(geometry.limbs[limb].limits));
             let arm = self.link(ARM + limb, None, vec![axis]);
             for strut in [2 * limb, 2 * limb + 1] {
                 let ball = passive(format!("socket{}_upper", strut + 1), Freedom::Ball);

@@ -1,5 +1,6 @@
 //! Models as TOML: reading with the position of every error, writing with preserved comments.
 
+mod limbs;
 pub mod meshes;
 mod read;
 mod schema;

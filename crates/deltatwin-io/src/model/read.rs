@@ -3,24 +3,23 @@
 //! The file is traversed as a tree of spanned values instead of being deserialized into structs, so that every message
 //! can quote the value, state its position and suggest the nearest known name.
 
-use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
 use deltatwin::effects::{ActiveEffect, Count, Effect, Effects, Host, Parameter, REGISTRY, Role};
-use deltatwin::machine::bodies::{self, BODIES, body_name};
+use deltatwin::machine::bodies::{self, SLOTS, body_name};
 use deltatwin::machine::check::{self, Culprit};
 use deltatwin::machine::{
-    AXES, Actuator, Axis, Bodies, Drive, Effort, Geometry, Inertia, Joint, LinkParameters, Mechanism, Stops,
+    AXES, Actuator, Axis, Bodies, Drive, Effort, Geometry, Inertia, Joint, LinkParameters, Mechanism, Members, Stops,
 };
 use deltatwin::model::{Added, Model};
 use miette::{Result, WrapErr, miette};
 use toml::de::{DeTable, DeValue};
 
-use super::meshes;
 use super::schema::{self, Bounds, Shape};
 use super::shipped;
 use super::table::{Table, Value, keys, suggestion};
+use super::{limbs, meshes};
 use crate::file;
 use crate::kind::Kind;
 use crate::source::{Checked, Source};
@@ -64,13 +63,12 @@ pub fn parse(text: &str, path: &Path) -> Result<Model> {
 
 fn read_model(top: &Table) -> Checked<Model> {
     let name = top.string("name", "the machine's name, a string")?.to_string();
-    let mechanism = read_mechanism(top)?;
+    let (mechanism, mut geometry) = read_mechanism(top)?;
     let delta = matches!(mechanism, Mechanism::Delta { .. });
     let assembled = if delta { top.boolean("assembled")? } else { false };
     let mut numbers = schema::Top { gravity: 0.0, sample_time: 0.0 };
     top.fill(schema::top(mechanism), &mut numbers, true, mechanism)?;
 
-    let mut geometry = schema::GEOMETRY_ZERO;
     let table = top.table("geometry")?;
     table.only(&keys(schema::geometry(mechanism)))?;
     table.fill(schema::geometry(mechanism), &mut geometry, assembled, schema::of_links(mechanism))?;
@@ -120,9 +118,9 @@ fn read_stops(top: &Table, geometry: &Geometry, mechanism: Mechanism) -> Checked
         return Ok(stops);
     }
     top.fill_table("stops", schema::stops(mechanism), &mut stops, true, mechanism)?;
-    let [low, high] = geometry.arm_limits;
+    let [low, high] = geometry.arm_limits();
     if stops.arm[0] > low || stops.arm[1] < high {
-        let expected = format!("expected stops at or beyond geometry.arm_limits, {low} and {high} rad");
+        let expected = format!("expected stops at or beyond geometry.arm_limits(), {low} and {high} rad");
         return Err(top.table("stops")?.refuse("arm", &expected));
     }
     Ok(stops)
@@ -159,8 +157,11 @@ fn read_history(top: &Table) -> Checked<Vec<Added>> {
 const NO_TELESCOPE: [f64; 2] = [0.0, f64::INFINITY];
 
 /// Kind of machine described by the file; rejects the keys of other machines.
-fn read_mechanism(top: &Table) -> Checked<Mechanism> {
-    let kind = top.string("mechanism", "\"delta\" or \"axis\"")?;
+fn read_mechanism(top: &Table) -> Checked<(Mechanism, Geometry)> {
+    const EXPECTED: &str = "\"delta\", \"parallel\" or \"axis\"";
+    let kind = top.string("mechanism", EXPECTED)?;
+    let empty = Geometry { telescope_limits: [0.0; 2], ..Geometry::single([0.0; 2]) };
+    let geometry = if kind == "parallel" { limbs::read(top)? } else { empty };
     let (mechanism, own): (_, &[&str]) = match kind {
         "delta" => {
             let telescope = top.optional_boolean("telescope")?.unwrap_or(true);
@@ -168,23 +169,31 @@ fn read_mechanism(top: &Table) -> Checked<Mechanism> {
             if telescope && arms == Joint::Prismatic {
                 return Err(top.refuse("arms", "expected `telescope = false` beside arms that are carriages"));
             }
-            (Mechanism::Delta { telescope, arms }, &["telescope", "arms", "limbs", "assembled", "sockets", "stops"])
+            (
+                Mechanism::Delta { telescope, arms, members: Members::DELTA },
+                &["telescope", "arms", "limbs", "assembled", "sockets", "stops"],
+            )
+        }
+        "parallel" => {
+            let (arms, members) = (geometry.actuator().joint(), Members::of(&geometry));
+            let own: &[&str] = &["limbs", "plate", "coupling", "assembled", "sockets", "stops"];
+            (Mechanism::Delta { telescope: false, arms, members }, own)
         }
         "axis" => {
             let joint = read_joint(top, "joint")?;
             (Mechanism::Axis(Axis { joint, effort: read_effort(top, joint)? }), &["joint", "effort"])
         }
-        _ => return Err(top.refuse("mechanism", "expected \"delta\" or \"axis\", the mechanisms known")),
+        _ => return Err(top.refuse("mechanism", &format!("expected {EXPECTED}, the mechanisms known"))),
     };
     let tables = ["name", "mechanism", "geometry", "bodies", "drives", "noise", "effects", "history", "meshes"];
     top.only(&[&tables[..], own, &keys(schema::top(mechanism))].concat())?;
-    Ok(mechanism)
+    Ok((mechanism, geometry))
 }
 
 /// Whether every limb has parameters of its own.
 fn read_limbs(top: &Table) -> Checked<bool> {
     const EXPECTED: &str = "\"alike\" or \"own\"";
-    if top.entry("limbs").is_none() {
+    if top.entry("limbs").is_none_or(|value| value.get_ref().is_array()) {
         return Ok(false);
     }
     match top.string("limbs", EXPECTED)? {
@@ -221,17 +230,20 @@ fn read_effort(top: &Table, joint: Joint) -> Checked<Effort> {
 
 /// Checks the order of limits, the reach of the struts and the length of the telescope.
 fn check_geometry(table: &Table, g: &Geometry, mechanism: Mechanism, assembled: bool) -> Checked<()> {
-    let [low, high] = g.arm_limits;
+    let [low, high] = g.arm_limits();
     if matches!(mechanism, Mechanism::Axis(_)) {
         return match low < high {
             true => Ok(()),
             false => Err(table.refuse("limits", "expected the smallest position first, then the largest")),
         };
     }
-    let (what, home) = match g.arms {
+    let (what, home) = match g.actuator() {
         Actuator::Revolute => ("angle", "arm angle 0 rad"),
         Actuator::Prismatic { .. } => ("position", "carriages at 0 m"),
     };
+    if !mechanism.is_delta() {
+        return if assembled { limbs::check(table, g) } else { Ok(()) };
+    }
     if low >= high {
         return Err(table.refuse("arm_limits", &format!("expected the smallest {what} first, then the largest")));
     }
@@ -241,10 +253,10 @@ fn check_geometry(table: &Table, g: &Geometry, mechanism: Mechanism, assembled: 
     if !assembled {
         return Ok(());
     }
-    let least = check::least_strut_length(g);
-    let shortest = g.strut_length.iter().copied().fold(f64::INFINITY, f64::min);
+    let least = g.least_strut_length();
+    let shortest = g.limbs.iter().map(|limb| limb.strut_length).fold(f64::INFINITY, f64::min);
     if shortest <= least {
-        let (reach, position) = match g.arms {
+        let (reach, position) = match g.actuator() {
             Actuator::Revolute => ("arm_length·cos(angle)", "arm angle"),
             Actuator::Prismatic { .. } => ("q·cos(inclination)", "carriage position q"),
         };
@@ -256,7 +268,7 @@ fn check_geometry(table: &Table, g: &Geometry, mechanism: Mechanism, assembled: 
             ),
         ));
     }
-    let Some(home) = check::home(g) else {
+    let Some(home) = g.home() else {
         return Err(
             table.refuse("strut_length", "expected lengths with which the three limbs meet at the home pose q = 0")
         );
@@ -281,39 +293,42 @@ fn check_geometry(table: &Table, g: &Geometry, mechanism: Mechanism, assembled: 
 }
 
 /// Bodies that share one table, e.g. `[bodies.arm]`; `[bodies.arm2]` overrides it for one of them.
-pub(super) const GROUPS: [(&str, Range<usize>); 2] =
-    [("arm", bodies::ARM..bodies::STRUT), ("strut", bodies::STRUT..bodies::PLATFORM)];
+pub(super) fn groups(mechanism: Mechanism) -> [(&'static str, Vec<usize>); 2] {
+    let (limbs, struts) = (0..mechanism.limbs(), 0..mechanism.struts());
+    [("arm", limbs.map(bodies::arm).collect()), ("strut", struts.map(bodies::strut).collect())]
+}
 
 /// Whether the file may describe body `b` of the machine.
 pub(super) fn body_known(b: usize, mechanism: Mechanism) -> bool {
-    b < bodies::ROTOR || mechanism.has_telescope()
+    mechanism.has_body(b)
 }
 
 /// Whether the file must describe body `b`.
 pub(super) fn body_needed(b: usize, mechanism: Mechanism, assembled: bool) -> bool {
-    let axis = (bodies::ARM..bodies::STRUT).contains(&b) || b == bodies::ROTOR;
-    body_known(b, mechanism) && (axis || (assembled && b != bodies::END_EFFECTOR))
+    let axis = body_group(b) == Some("arm") || b == bodies::ROTOR;
+    let carries = b != bodies::END_EFFECTOR || mechanism.plate_turns();
+    body_known(b, mechanism) && (axis || (assembled && carries))
 }
 
 /// Name of the shared table of body `b`, if any.
 pub(super) fn body_group(b: usize) -> Option<&'static str> {
-    GROUPS.iter().find(|(_, range)| range.contains(&b)).map(|(name, _)| *name)
+    ["arm", "strut"].into_iter().find(|group| body_name(b).starts_with(group))
 }
 
 /// Name of the table of the moving part of a single axis.
 pub(super) const LONE_BODY: &str = "axis";
 
 fn read_bodies(table: &Table, mechanism: Mechanism, assembled: bool) -> Checked<Bodies> {
-    let mut all = Bodies([Inertia::ZERO; BODIES]);
+    let mut all = Bodies([Inertia::ZERO; SLOTS]);
     if matches!(mechanism, Mechanism::Axis(_)) {
         table.only(&[LONE_BODY])?;
         all[bodies::ARM] = read_inertia(&table.table(LONE_BODY)?, mechanism)?;
         return Ok(all);
     }
-    let own = (0..BODIES).filter(|&b| body_known(b, mechanism)).map(body_name);
-    let names: Vec<String> = GROUPS.iter().map(|(name, _)| name.to_string()).chain(own).collect();
+    let own = (0..SLOTS).filter(|&b| body_known(b, mechanism)).map(body_name);
+    let names: Vec<String> = groups(mechanism).iter().map(|(name, _)| name.to_string()).chain(own).collect();
     table.only(&names.iter().map(String::as_str).collect::<Vec<_>>())?;
-    for b in 0..BODIES {
+    for b in (0..SLOTS).filter(|&b| body_known(b, mechanism)) {
         let own = table.optional_table(&body_name(b))?;
         let shared = body_group(b).map(|name| table.optional_table(name)).transpose()?.flatten();
         match own.or(shared) {

@@ -6,7 +6,7 @@ use std::fmt::Display;
 
 use deltatwin::effects::{Count, Parameter};
 use deltatwin::machine::{
-    ARMS, AXES, Actuator, Axis, Drive, Geometry, Inertia, Joint, Mechanism, Noise, Sockets, Stops, Unit,
+    ARMS, AXES, Actuator, Axis, Drive, Geometry, Inertia, Joint, Limb, Mechanism, Noise, Sockets, Stops, Unit,
 };
 use nalgebra::{Matrix3, Vector3};
 
@@ -181,6 +181,23 @@ pub(super) fn top(machine: Mechanism) -> &'static [Field<Top>] {
     }
 }
 
+/// A length that all limbs of a delta robot share.
+macro_rules! of_limbs {
+    ($key:ident, $about:expr, $always:expr) => {
+        Field {
+            key: stringify!($key),
+            unit: Some(Unit::M),
+            about: $about,
+            shape: Shape::One,
+            bounds: LENGTH,
+            always: $always,
+            default: None,
+            get: |g| vec![g.limbs[0].$key],
+            set: |g, v| g.limbs.iter_mut().for_each(|limb| limb.$key = v[0]),
+        }
+    };
+}
+
 const STRUT_LENGTH: Field<Geometry> = Field {
     key: "strut_length",
     unit: Some(Unit::M),
@@ -189,18 +206,36 @@ const STRUT_LENGTH: Field<Geometry> = Field {
     bounds: LENGTH,
     always: false,
     default: None,
-    get: |g| g.strut_length.to_vec(),
-    set: |g, v| g.strut_length.copy_from_slice(v),
+    get: |g| g.limbs.iter().map(|limb| limb.strut_length).collect(),
+    set: |g, v| g.limbs.iter_mut().zip(v).for_each(|(limb, length)| limb.strut_length = *length),
 };
-const PLATFORM_RADIUS: Field<Geometry> = number!(
-    platform_radius,
-    Unit::M,
-    "platform centre to the middle of a ball pair",
-    Bounds::between(0.0, 10.0),
-    false
-);
-const PAIR_DISTANCE: Field<Geometry> =
-    number!(pair_distance, Unit::M, "distance of the two balls of a pair", LENGTH, false);
+const PLATFORM_RADIUS: Field<Geometry> = Field {
+    key: "platform_radius",
+    unit: Some(Unit::M),
+    about: "platform centre to the middle of a ball pair",
+    shape: Shape::One,
+    bounds: Bounds::between(0.0, 10.0),
+    always: false,
+    default: None,
+    get: |g| vec![g.limbs[0].point.dot(&g.limbs[0].radial())],
+    set: |g, v| g.limbs.iter_mut().for_each(|limb| limb.point = limb.radial() * v[0]),
+};
+const PAIR_DISTANCE: Field<Geometry> = of_limbs!(pair_distance, "distance of the two balls of a pair", false);
+
+/// Limits of all arms of a delta robot, or of a single axis.
+const fn arm_limits(key: &'static str, unit: Unit, about: &'static str, bounds: Bounds) -> Field<Geometry> {
+    Field {
+        key,
+        unit: Some(unit),
+        about,
+        shape: Shape::Array(2),
+        bounds,
+        always: true,
+        default: None,
+        get: |g| g.arm_limits().to_vec(),
+        set: |g, v| g.set_arm_limits([v[0], v[1]]),
+    }
+}
 const MOUNTING_HEIGHT: Field<Geometry> =
     number!(mounting_height, Unit::M, "mounting plane above the shaft plane", HEIGHT, false);
 const FLANGE_HEIGHT: Field<Geometry> =
@@ -208,7 +243,7 @@ const FLANGE_HEIGHT: Field<Geometry> =
 
 /// Of a robot whose arms are carriages.
 const GUIDES: &[Field<Geometry>] = &[
-    number!(base_radius, Unit::M, "centre line to the ball line of a carriage at q = 0", LENGTH, true),
+    of_limbs!(base_radius, "centre line to the ball line of a carriage at q = 0", true),
     Field {
         key: "inclination",
         unit: Some(Unit::Rad),
@@ -217,29 +252,32 @@ const GUIDES: &[Field<Geometry>] = &[
         bounds: ANGLE,
         always: true,
         default: None,
-        get: |g| match g.arms {
+        get: |g| match g.actuator() {
             Actuator::Revolute => vec![0.0],
             Actuator::Prismatic { inclination } => vec![inclination],
         },
-        set: |g, v| g.arms = Actuator::Prismatic { inclination: v[0] },
+        set: |g, v| {
+            let guide = Actuator::Prismatic { inclination: v[0] };
+            g.limbs.iter_mut().for_each(|limb| limb.actuator = guide);
+        },
     },
     STRUT_LENGTH,
     PLATFORM_RADIUS,
     PAIR_DISTANCE,
     MOUNTING_HEIGHT,
     FLANGE_HEIGHT,
-    array!(arm_limits, 2, Unit::M, "smallest and largest position of a carriage along its guide", HEIGHT, true),
+    arm_limits("arm_limits", Unit::M, "smallest and largest position of a carriage along its guide", HEIGHT),
 ];
 
 const GEOMETRY: &[Field<Geometry>] = &[
-    number!(base_radius, Unit::M, "centre line to motor shaft", LENGTH, true),
-    number!(arm_length, Unit::M, "shaft to elbow (ball line)", LENGTH, true),
+    of_limbs!(base_radius, "centre line to motor shaft", true),
+    of_limbs!(arm_length, "shaft to elbow (ball line)", true),
     STRUT_LENGTH,
     PLATFORM_RADIUS,
     PAIR_DISTANCE,
     MOUNTING_HEIGHT,
     FLANGE_HEIGHT,
-    array!(arm_limits, 2, Unit::Rad, "smallest and largest arm angle, 0 = horizontal, positive down", ANGLE, true),
+    arm_limits("arm_limits", Unit::Rad, "smallest and largest arm angle, 0 = horizontal, positive down", ANGLE),
     number!(upper_hooke_height, Unit::M, "upper Hooke joint above the shaft plane", HEIGHT, false),
     number!(lower_hooke_height, Unit::M, "lower Hooke joint above the platform's ball plane", HEIGHT, false),
     array!(
@@ -254,26 +292,55 @@ const GEOMETRY: &[Field<Geometry>] = &[
 /// Number of keys at the end that belong to the telescope.
 const OF_TELESCOPE: usize = 3;
 
-const AXIS_LIMITS: &[Field<Geometry>] = &[Field {
-    key: "limits",
-    unit: Some(Unit::Rad),
-    about: "smallest and largest position",
-    shape: Shape::Array(2),
-    bounds: Bounds::between(-1e4, 1e4),
-    always: true,
-    default: None,
-    get: |g| g.arm_limits.to_vec(),
-    set: |g, v| g.arm_limits.copy_from_slice(v),
-}];
+const AXIS_LIMITS: &[Field<Geometry>] =
+    &[arm_limits("limits", Unit::Rad, "smallest and largest position", Bounds::between(-1e4, 1e4))];
 
 /// The machine in whose units geometry, bodies and sockets are stated: those of a robot do not depend on its joints.
 pub(super) fn of_links(machine: Mechanism) -> Mechanism {
     if matches!(machine, Mechanism::Delta { .. }) { Mechanism::default() } else { machine }
 }
 
+/// Keys of a table of `[[limbs]]`.
+pub(super) const LIMB: &[Field<Limb>] = &[
+    Field {
+        key: "azimuth",
+        unit: Some(Unit::Rad),
+        about: "of the limb, anticlockwise from x seen from above",
+        shape: Shape::One,
+        bounds: Bounds::between(-TURN, TURN),
+        always: true,
+        default: None,
+        get: |limb| vec![limb.azimuth()],
+        set: |limb, v| limb.turn_to(v[0]),
+    },
+    number!(base_radius, Unit::M, "centre line to the shaft, or to a carriage at q = 0", HEIGHT, true),
+    number!(base_offset, Unit::M, "shaft's middle along the shaft", HEIGHT, true, Some(0.0)),
+    number!(base_height, Unit::M, "shaft above the origin", HEIGHT, true, Some(0.0)),
+    number!(arm_length, Unit::M, "shaft to elbow; 0 of a carriage", Bounds::between(0.0, 10.0), true),
+    number!(strut_length, Unit::M, "ball to ball", LENGTH, true),
+    number!(pair_distance, Unit::M, "distance of the two balls of a pair", LENGTH, true),
+    Field {
+        key: "point",
+        unit: Some(Unit::M),
+        about: "middle of the lower ball pair in its part of the plate, x y z",
+        shape: Shape::Array(3),
+        bounds: HEIGHT,
+        always: true,
+        default: None,
+        get: |limb| limb.point.as_slice().to_vec(),
+        set: |limb, v| limb.point = Vector3::from_column_slice(v),
+    },
+    array!(limits, 2, Unit::Rad, "smallest and largest arm angle, 0 = horizontal, positive down", HEIGHT, true),
+];
+const TURN: f64 = std::f64::consts::TAU;
+
+/// Keys of `[geometry]` of a robot whose limbs are described one by one.
+const OF_PLATE: &[Field<Geometry>] = &[MOUNTING_HEIGHT, FLANGE_HEIGHT];
+
 /// Keys of `[geometry]`.
 pub(super) fn geometry(machine: Mechanism) -> &'static [Field<Geometry>] {
     match machine {
+        Mechanism::Delta { .. } if !machine.is_delta() => OF_PLATE,
         Mechanism::Delta { arms: Joint::Prismatic, .. } => GUIDES,
         Mechanism::Delta { telescope: true, .. } => GEOMETRY,
         Mechanism::Delta { telescope: false, .. } => GEOMETRY.split_at(GEOMETRY.len() - OF_TELESCOPE).0,
@@ -456,42 +523,32 @@ const STRUT_NOISE: Field<Noise> = number!(strut_force, Unit::N, "axial strut for
 
 /// Keys of `[noise]`.
 pub(super) fn noise(machine: Mechanism) -> &'static [Field<Noise>] {
-    const FOUR: &[Field<Noise>] = &[torque_noise!(AXES, Shape::Array(AXES)), STRUT_NOISE];
-    const THREE: &[Field<Noise>] = &[torque_noise!(ARMS, Shape::Array(ARMS)), STRUT_NOISE];
+    const FOUR: &[Field<Noise>] = &[torque_noise!(4, Shape::Array(4)), STRUT_NOISE];
+    const THREE: &[Field<Noise>] = &[torque_noise!(3, Shape::Array(3)), STRUT_NOISE];
+    const TWO: &[Field<Noise>] = &[torque_noise!(2, Shape::Array(2)), STRUT_NOISE];
     const ONE: &[Field<Noise>] = &[torque_noise!(1, Shape::OneOrArray(1))];
-    match machine {
-        Mechanism::Delta { telescope: true, .. } => FOUR,
-        Mechanism::Delta { telescope: false, .. } => THREE,
-        Mechanism::Axis(_) => ONE,
+    match machine.axes() {
+        1 => ONE,
+        2 => TWO,
+        3 => THREE,
+        _ => FOUR,
     }
 }
 
 /// Tables of `[drives]` with the drives that each one describes.
-pub(super) fn drive_groups(machine: Mechanism) -> &'static [(&'static str, std::ops::Range<usize>)] {
+pub(super) fn drive_groups(machine: Mechanism) -> Vec<(&'static str, std::ops::Range<usize>)> {
     match machine {
-        Mechanism::Delta { telescope: true, .. } => &[("arm", 0..ARMS), ("telescope", ARMS..AXES)],
-        Mechanism::Delta { telescope: false, .. } => &[("arm", 0..ARMS)],
-        Mechanism::Axis(_) => &[("axis", 0..1)],
+        Mechanism::Delta { .. } => {
+            let arms = ("arm", 0..machine.arms());
+            let telescope = machine.has_telescope().then_some(("telescope", ARMS..AXES));
+            std::iter::once(arms).chain(telescope).collect()
+        }
+        Mechanism::Axis(_) => vec![("axis", 0..1)],
     }
 }
 
 pub(super) const DRIVE_ZERO: Drive =
     Drive { gear_ratio: 0.0, encoder_bits: 0, max_torque: 0.0, max_speed: 0.0, max_acceleration: 0.0, max_jerk: 0.0 };
-
-pub(super) const GEOMETRY_ZERO: Geometry = Geometry {
-    arms: Actuator::Revolute,
-    base_radius: 0.0,
-    arm_length: 0.0,
-    strut_length: [0.0; ARMS],
-    platform_radius: 0.0,
-    pair_distance: 0.0,
-    mounting_height: 0.0,
-    upper_hooke_height: 0.0,
-    lower_hooke_height: 0.0,
-    flange_height: 0.0,
-    arm_limits: [0.0; 2],
-    telescope_limits: [0.0; 2],
-};
 
 pub(super) const SOCKETS_ZERO: Sockets =
     Sockets { ball_radius: 0.0, preload: 0.0, dislocation_force: 0.0, clamp_share: 0.0, spin_damping: 0.0 };

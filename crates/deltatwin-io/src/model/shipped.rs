@@ -8,7 +8,7 @@ pub const IRB_360_6_1600: &str = include_str!("../../../../models/irb360-6-1600.
 pub const CLAVEL_DELTA: &str = include_str!("../../../../models/clavel-delta.toml");
 
 /// The models with their names.
-pub const SHIPPED: [(&str, &str); 9] = [
+pub const SHIPPED: [(&str, &str); 13] = [
     ("irb360-6-1600", IRB_360_6_1600),
     ("irb360-1-1130", include_str!("../../../../models/irb360-1-1130.toml")),
     ("irb360-3-1130", include_str!("../../../../models/irb360-3-1130.toml")),
@@ -17,6 +17,10 @@ pub const SHIPPED: [(&str, &str); 9] = [
     ("irb360-6-1600-disassembled", include_str!("../../../../models/irb360-6-1600-disassembled.toml")),
     ("clavel-delta", CLAVEL_DELTA),
     ("linear-delta", include_str!("../../../../models/linear-delta.toml")),
+    ("par4", include_str!("../../../../models/par4.toml")),
+    ("h4", include_str!("../../../../models/h4.toml")),
+    ("i4", include_str!("../../../../models/i4.toml")),
+    ("par2", include_str!("../../../../models/par2.toml")),
     ("servo-axis", include_str!("../../../../models/servo-axis.toml")),
 ];
 

@@ -6,17 +6,17 @@ use std::sync::Arc;
 
 use deltatwin::effects::rigid_bodies::RigidBodies;
 use deltatwin::effects::{ActiveEffect, Host, Parameter, Role};
-use deltatwin::machine::bodies::{ARM, BODIES, body_name};
+use deltatwin::machine::bodies::{ARM, SLOTS, body_name};
 use deltatwin::machine::{Axis, Effort, Inertia, Joint, Mechanism, Unit};
 use deltatwin::model::{Added, Model, Provenance};
 use miette::{IntoDiagnostic, Result, WrapErr, miette};
 use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
-use super::meshes;
 use super::read::{
-    ALWAYS_PRESENT, GROUPS, LONE_BODY, body_group, body_known, body_needed, default_values, drive_shape,
+    ALWAYS_PRESENT, LONE_BODY, body_group, body_known, body_needed, default_values, drive_shape, groups,
 };
 use super::schema::{self, Field, Shape, Top};
+use super::{limbs, meshes};
 use crate::file::{WriteError, replace_text};
 
 mod formula;
@@ -100,7 +100,12 @@ fn edit(document: &mut DocumentMut, model: &Model, provenance: Option<&Provenanc
     let root = document.as_table_mut();
     set_plain(root, "name", Value::from(model.name.as_str()));
     match model.mechanism {
-        Mechanism::Delta { telescope, arms } => {
+        Mechanism::Delta { .. } if !model.mechanism.is_delta() => {
+            set_plain(root, "mechanism", Value::from("parallel"));
+            set_plain(root, "assembled", Value::from(model.assembled));
+            limbs::write(root, &model.geometry);
+        }
+        Mechanism::Delta { telescope, arms, .. } => {
             set_plain(root, "mechanism", Value::from("delta"));
             if arms == Joint::Prismatic {
                 set_plain(root, "arms", Value::from("prismatic"));
@@ -124,7 +129,7 @@ fn edit(document: &mut DocumentMut, model: &Model, provenance: Option<&Provenanc
             }
         }
     }
-    let own: Vec<usize> = (0..BODIES).filter(|&b| has_table(root, &["bodies", &body_name(b)])).collect();
+    let own: Vec<usize> = (0..SLOTS).filter(|&b| has_table(root, &["bodies", &body_name(b)])).collect();
     let mut moved = 0;
     for section in sections(model, &own) {
         moved += section.write(root, provenance)?;
@@ -191,7 +196,7 @@ fn write_history(root: &mut Table, history: &[Added], provenance: Option<&Proven
 fn verify(text: &str, model: &Model) -> Result<()> {
     let path = model.path.as_deref().unwrap_or(Path::new("model.toml"));
     let again = super::parse(text, path).wrap_err("the changed model would be refused")?;
-    let everything: Vec<usize> = (0..BODIES).collect();
+    let everything: Vec<usize> = (0..SLOTS).collect();
     let (wanted, got) = (sections(model, &everything), sections(&again, &everything));
     for (wanted, got) in wanted.iter().zip(&got) {
         for (w, g) in wanted.lines.iter().zip(&got.lines) {
@@ -204,6 +209,7 @@ fn verify(text: &str, model: &Model) -> Result<()> {
     if wanted.len() != got.len()
         || again.assembled != model.assembled
         || again.mechanism != model.mechanism
+        || (!model.mechanism.is_delta() && again.geometry != model.geometry)
         || again.name != model.name
         || again.history != model.history
         || again.meshes.files != model.meshes.files
@@ -297,18 +303,19 @@ fn body_sections(model: &Model, own: &[usize]) -> Vec<Section> {
         return vec![parameters.name(ARM, body(LONE_BODY, &model.bodies[ARM], false))];
     }
     let mut all = Vec::new();
-    for (name, range) in GROUPS {
-        let Some(first) = range.clone().find(|b| !own.contains(b)) else {
+    for (name, members) in groups(mechanism) {
+        let Some(&first) = members.iter().find(|b| !own.contains(b)) else {
             continue;
         };
         let own = body(name, &model.bodies[first], !body_needed(first, mechanism, model.assembled));
         all.push(parameters.name(first, own));
     }
-    for b in (0..BODIES).filter(|&b| body_known(b, mechanism)) {
+    for b in (0..SLOTS).filter(|&b| body_known(b, mechanism)) {
         // a body of a group gets its own table if it already has one or differs from the group
-        let shared = body_group(b).and_then(|name| GROUPS.iter().find(|(n, _)| *n == name)).and_then(|(_, range)| {
-            range.clone().find(|b| !own.contains(b)).filter(|_| !own.contains(&b)).map(|first| model.bodies[first])
-        });
+        let members = groups(mechanism).into_iter().find(|(name, _)| Some(*name) == body_group(b));
+        let shared = members
+            .filter(|_| !own.contains(&b))
+            .and_then(|(_, members)| members.into_iter().find(|b| !own.contains(b)).map(|first| model.bodies[first]));
         if shared != Some(model.bodies[b]) {
             // zero inertia of a group may be omitted, but not that of a body that differs from its group
             let optional = !body_needed(b, mechanism, model.assembled) && shared.is_none();

@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::AXIS;
 use super::assets::Assets;
 use deltatwin::cell::{Object, Shape};
-use deltatwin::machine::bodies::BODIES;
+use deltatwin::machine::bodies::SLOTS;
 use deltatwin::machine::{AXES, Geometry, Mechanism, STRUTS, Unit};
 use deltatwin::recording::{Channel, Recording};
 pub use deltatwin::recording::{Level, Note};
@@ -15,7 +15,7 @@ pub struct Scene<'a> {
     /// Time of each frame, s, increasing; 50 frames per second are sufficient.
     pub times: Vec<f64>,
     /// Poses of the body frames in the inertial frame, one set per frame.
-    pub bodies: Vec<[Isometry3<f64>; BODIES]>,
+    pub bodies: Vec<[Isometry3<f64>; SLOTS]>,
     /// Kind of machine.
     pub machine: Mechanism,
     /// Geometry of the robot.
@@ -24,7 +24,7 @@ pub struct Scene<'a> {
     /// arms and telescope from green (1 σ) to red (6 σ).
     pub residual: Option<Vec<[f64; AXES]>>,
     /// Other poses of the robot, one set per frame, that are shown as a ghost where they differ.
-    pub ghost: Option<Vec<[Isometry3<f64>; BODIES]>>,
+    pub ghost: Option<Vec<[Isometry3<f64>; SLOTS]>>,
     /// What the ghost is, for the legend.
     pub ghost_name: String,
     /// What a later model leaves.
@@ -56,7 +56,7 @@ pub struct After {
     /// Torque residual like [`Scene::residual`].
     pub residual: Vec<[f64; AXES]>,
     /// Poses like [`Scene::ghost`].
-    pub ghost: Option<Vec<[Isometry3<f64>; BODIES]>>,
+    pub ghost: Option<Vec<[Isometry3<f64>; SLOTS]>>,
 }
 
 /// A contact of the robot.
@@ -111,7 +111,7 @@ impl<'a> Scene<'a> {
         machine: Mechanism,
         geometry: &'a Geometry,
         times: Vec<f64>,
-        bodies: Vec<[Isometry3<f64>; BODIES]>,
+        bodies: Vec<[Isometry3<f64>; SLOTS]>,
     ) -> Self {
         Self {
             times,

@@ -178,7 +178,7 @@ mod tests {
 
     use deltatwin::cell::{Mobility, Object, Shape, Surface};
     use deltatwin::kinematics::{JointState, Motion};
-    use deltatwin::machine::{ARMS, Geometry, Mechanism};
+    use deltatwin::machine::{Actuator, Delta, Geometry, Mechanism};
     use deltatwin::recording::{Channel, Recording, Signals};
 
     /// The machine with arms at angle `phi` (rad), and axis 4 rotating.
@@ -188,19 +188,22 @@ mod tests {
     }
 
     fn geometry() -> Geometry {
-        Geometry {
-            arms: deltatwin::machine::Actuator::Revolute,
+        let lengths = Delta {
+            actuator: Actuator::Revolute,
             base_radius: 0.2,
             arm_length: 0.35,
-            strut_length: [0.95; ARMS],
+            strut_length: 0.95,
             platform_radius: 0.05,
             pair_distance: 0.09,
+            arm_limits: [-0.9, 1.9],
+        };
+        Geometry {
             mounting_height: 0.275,
             upper_hooke_height: 0.05,
             lower_hooke_height: 0.03,
             flange_height: -0.05,
-            arm_limits: [-0.9, 1.9],
             telescope_limits: [0.65, 1.25],
+            ..Geometry::delta(lengths)
         }
     }
 

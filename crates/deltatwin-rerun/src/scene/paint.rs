@@ -8,7 +8,7 @@ use super::robot::{Figure, asset, figures, shown};
 use super::solids::{CARBON, CUPS, STEEL};
 use super::{Outcome, assets, frames};
 use deltatwin::machine::STRUTS;
-use deltatwin::machine::bodies::{ARM, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use deltatwin::machine::bodies::{BodyKind, body_kind};
 
 /// Colour of a strut with an open socket.
 const LOOSE: [u8; 3] = [225, 40, 60];
@@ -33,13 +33,13 @@ pub(super) fn of(scene: &Scene, figure: &Figure, b: usize, name: &str) -> Option
         return None;
     }
     let whole = name.is_empty();
-    match b {
-        ARM..STRUT if whole => figure.residual.map(|_| Source::Residual(b - ARM)),
-        TELESCOPE_UPPER | TELESCOPE_LOWER if whole => figure.residual.map(|_| Source::Residual(3)),
-        STRUT..PLATFORM if whole => (scene.used.is_some() || scene.loose.is_some()).then_some(Source::Strut(b - STRUT)),
-        STRUT..PLATFORM => {
+    match body_kind(b) {
+        BodyKind::Arm(limb) if whole && limb < scene.machine.arms() => figure.residual.map(|_| Source::Residual(limb)),
+        BodyKind::TelescopeUpper | BodyKind::TelescopeLower if whole => figure.residual.map(|_| Source::Residual(3)),
+        BodyKind::Strut(s) if whole => (scene.used.is_some() || scene.loose.is_some()).then_some(Source::Strut(s)),
+        BodyKind::Strut(s) => {
             let end = CUPS.iter().position(|cup| *cup == name).filter(|_| scene.used.is_some())?;
-            Some(Source::Cup(b - STRUT, end))
+            Some(Source::Cup(s, end))
         }
         _ => None,
     }

@@ -10,10 +10,8 @@ use super::mesh::spring;
 use super::solids::{BRASS, STEEL, balls, parts};
 use super::{Outcome, assets, color, frames, paint, point, quaternion, things};
 use deltatwin::cell::links::BALL_RADIUS;
-use deltatwin::machine::bodies::{
-    ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
-};
-use deltatwin::machine::{ARMS, AXES, Mechanism, STRUTS};
+use deltatwin::machine::bodies::{BodyKind, END_EFFECTOR, PLATFORM, ROTOR, SLOTS, body_kind, body_name, strut};
+use deltatwin::machine::{AXES, Mechanism, STRUTS};
 use deltatwin::model::MeshPart;
 
 /// Roots of the robots' entities.
@@ -40,7 +38,7 @@ const PAYLOAD: [u8; 3] = [110, 150, 190];
 pub(super) struct Figure<'s> {
     pub root: &'static str,
     /// Poses, one set per frame.
-    pub bodies: &'s [[Isometry3<f64>; BODIES]],
+    pub bodies: &'s [[Isometry3<f64>; SLOTS]],
     /// Residual that colours it.
     pub residual: Option<&'s [[f64; AXES]]>,
     /// Whether it is transparent and of one colour.
@@ -73,12 +71,9 @@ impl Figure<'_> {
 /// Bodies that are displayed.
 pub(super) fn shown(scene: &Scene) -> impl Iterator<Item = usize> {
     let assembled = is_assembled(scene);
-    let last = match scene.machine {
-        Mechanism::Axis(_) => ARM + 1,
-        Mechanism::Delta { .. } if scene.geometry.has_telescope() => BODIES,
-        Mechanism::Delta { .. } => ROTOR,
-    };
-    (0..last).filter(move |&b| b != ROTOR && (b < STRUT || assembled))
+    let machine = scene.machine;
+    (0..SLOTS)
+        .filter(move |&b| machine.has_body(b) && b != ROTOR && (assembled || matches!(body_kind(b), BodyKind::Arm(_))))
 }
 
 /// Whether the robot is assembled: bodies of a disassembled robot are at the origin, which the platform never reaches.
@@ -92,14 +87,14 @@ fn mesh_part(scene: &Scene, b: usize) -> Option<MeshPart> {
     if matches!(scene.machine, Mechanism::Axis(_)) {
         return Some(MeshPart::Axis);
     }
-    Some(match b {
-        ARM..STRUT => MeshPart::Arm,
-        STRUT..PLATFORM => MeshPart::Strut,
-        PLATFORM => MeshPart::Platform,
-        END_EFFECTOR => MeshPart::EndEffector,
-        TELESCOPE_UPPER => MeshPart::TelescopeUpper,
-        TELESCOPE_LOWER => MeshPart::TelescopeLower,
-        _ => return None,
+    Some(match body_kind(b) {
+        BodyKind::Arm(_) => MeshPart::Arm,
+        BodyKind::Strut(_) => MeshPart::Strut,
+        BodyKind::Platform(0) => MeshPart::Platform,
+        BodyKind::EndEffector => MeshPart::EndEffector,
+        BodyKind::TelescopeUpper => MeshPart::TelescopeUpper,
+        BodyKind::TelescopeLower => MeshPart::TelescopeLower,
+        BodyKind::Platform(_) | BodyKind::Rotor | BodyKind::Link => return None,
     })
 }
 
@@ -154,8 +149,8 @@ fn body(rec: &RecordingStream, scene: &Scene, figure: &Figure, b: usize) -> Outc
 }
 
 /// The clamp springs: pair, and at the elbow (0) or at the platform (1).
-fn clamp_springs() -> impl Iterator<Item = (usize, usize)> {
-    (0..ARMS).flat_map(|pair| [(pair, 0), (pair, 1)])
+fn clamp_springs(scene: &Scene) -> impl Iterator<Item = (usize, usize)> {
+    (0..scene.machine.limbs()).flat_map(|pair| [(pair, 0), (pair, 1)])
 }
 
 fn spring_entity(figure: &Figure, pair: usize, end: usize) -> String {
@@ -164,8 +159,8 @@ fn spring_entity(figure: &Figure, pair: usize, end: usize) -> String {
 
 /// Logs the clamp springs between the struts of each pair.
 fn springs(rec: &RecordingStream, scene: &Scene, figure: &Figure) -> Outcome {
-    let coil = spring([Vector3::zeros(), Vector3::x() * scene.geometry.pair_distance], SPRINGS.1, SPRINGS.2);
-    for (pair, end) in clamp_springs() {
+    let coil = spring([Vector3::zeros(), Vector3::x() * scene.geometry.limbs[0].pair_distance], SPRINGS.1, SPRINGS.2);
+    for (pair, end) in clamp_springs(scene) {
         let coil = a::LineStrips3D::new([coil.clone()]).with_colors([color(STEEL)]);
         let coil = if scene.loose.is_some() { coil } else { coil.with_radii([WIRE]) };
         rec.log_static(spring_entity(figure, pair, end), &coil)?;
@@ -174,9 +169,9 @@ fn springs(rec: &RecordingStream, scene: &Scene, figure: &Figure) -> Outcome {
 }
 
 /// Pose of a clamp spring, from one strut of the pair to the other.
-fn spring_pose(scene: &Scene, bodies: &[Isometry3<f64>; BODIES], pair: usize, end: usize) -> Isometry3<f64> {
-    let place = Point3::from(Vector3::x() * [SPRINGS.0, scene.geometry.strut_length[pair] - SPRINGS.0][end]);
-    let [from, to] = [0, 1].map(|k| bodies[STRUT + 2 * pair + k] * place);
+fn spring_pose(scene: &Scene, bodies: &[Isometry3<f64>; SLOTS], pair: usize, end: usize) -> Isometry3<f64> {
+    let place = Point3::from(Vector3::x() * [SPRINGS.0, scene.geometry.limbs[pair].strut_length - SPRINGS.0][end]);
+    let [from, to] = [0, 1].map(|k| bodies[strut(2 * pair + k)] * place);
     let turn = UnitQuaternion::rotation_between(&Vector3::x(), &(to - from)).unwrap_or_default();
     Isometry3::from_parts(from.coords.into(), turn)
 }
@@ -203,8 +198,8 @@ fn movers(scene: &Scene) -> Vec<Mover> {
             all.push(Mover::new(figure.entity(scene, b), figure.bodies.iter().map(|poses| poses[b]).collect()));
         }
         if is_assembled(scene) && !figure.is_ghost {
-            for (pair, end) in clamp_springs() {
-                let pose = |bodies: &[Isometry3<f64>; BODIES]| spring_pose(scene, bodies, pair, end);
+            for (pair, end) in clamp_springs(scene) {
+                let pose = |bodies: &[Isometry3<f64>; SLOTS]| spring_pose(scene, bodies, pair, end);
                 all.push(Mover::new(spring_entity(&figure, pair, end), figure.bodies.iter().map(pose).collect()));
             }
         }
@@ -242,7 +237,7 @@ pub(super) fn appearance(rec: &RecordingStream, scene: &Scene, known: &mut Known
             continue;
         }
         let Some(loose) = scene.loose.as_ref().filter(|_| is_assembled(scene)) else { continue };
-        for (pair, end) in clamp_springs() {
+        for (pair, end) in clamp_springs(scene) {
             let entity = spring_entity(&figure, pair, end);
             let radius = |open: &[bool; STRUTS]| if open[2 * pair] || open[2 * pair + 1] { 0.0 } else { WIRE };
             let (times, radii) = known.changes(&entity, &scene.times, loose.iter().map(|open| radius(open).to_bits()));
@@ -256,7 +251,7 @@ pub(super) fn appearance(rec: &RecordingStream, scene: &Scene, known: &mut Known
 }
 
 /// Largest distance between corresponding bodies, m; of a part that turns about its origin, between ends 0.3 m away.
-fn apart(scene: &Scene, own: &[Isometry3<f64>; BODIES], other: &[Isometry3<f64>; BODIES]) -> f64 {
+fn apart(scene: &Scene, own: &[Isometry3<f64>; SLOTS], other: &[Isometry3<f64>; SLOTS]) -> f64 {
     let ends = [Point3::origin(), Point3::new(0.3, 0.0, 0.0)];
     let distance = |b: usize| ends.map(|end| (own[b] * end - other[b] * end).norm());
     shown(scene).flat_map(distance).fold(0.0, f64::max)

@@ -8,8 +8,8 @@ use deltatwin::cell::links::{
     ARM_RADIUS, ARM_TRIM, BALL_RADIUS, CARRIAGE_LENGTH, CARRIAGE_RADIUS, FLANGE_RADIUS, PLATFORM_INSET,
     PLATFORM_THICKNESS, ROD_CLEARANCE, ROD_RADIUS, STRUT_RADIUS, TUBE_CLEARANCE, TUBE_RADIUS,
 };
-use deltatwin::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use deltatwin::machine::{ARMS, Actuator, Axis, Geometry, Joint, Mechanism, STRUTS};
+use deltatwin::machine::bodies::{BodyKind, body_kind};
+use deltatwin::machine::{Actuator, Axis, Geometry, Joint, Limb, Mechanism, Plate};
 
 /// Depth and wall of a cup on its ball, m; estimated.
 const CUP: (f64, f64) = (0.012, 0.004);
@@ -46,36 +46,32 @@ pub(super) fn parts(scene: &Scene, b: usize) -> Vec<Part> {
         };
         return body(rod(end, ARM_RADIUS), STEEL);
     }
-    match b {
-        ARM..STRUT if matches!(g.arms, Actuator::Prismatic { .. }) => carriage(g),
-        ARM..STRUT => arm(g),
-        STRUT..PLATFORM => strut(g.strut_length[(b - STRUT) / (STRUTS / ARMS)]),
-        PLATFORM => platform(g),
-        END_EFFECTOR => end_effector(g),
-        TELESCOPE_UPPER => {
+    match body_kind(b) {
+        BodyKind::Arm(limb) => match g.limbs[limb].actuator {
+            Actuator::Prismatic { .. } => carriage(&g.limbs[limb]),
+            Actuator::Revolute => arm(&g.limbs[limb]),
+        },
+        BodyKind::Strut(s) => strut(g.limbs[s / 2].strut_length),
+        BodyKind::Platform(part) => platform(g, part),
+        BodyKind::EndEffector => end_effector(g),
+        BodyKind::TelescopeUpper => {
             body(rod(Vector3::z() * (ROD_CLEARANCE - g.telescope_limits[0]).min(0.0), ROD_RADIUS), STEEL)
         }
-        TELESCOPE_LOWER => {
+        BodyKind::TelescopeLower => {
             body(rod(Vector3::z() * (g.telescope_limits[0] - TUBE_CLEARANCE).max(0.0), TUBE_RADIUS), STEEL)
         }
-        _ => Vec::new(),
+        BodyKind::Link => link(g),
+        BodyKind::Rotor => Vec::new(),
     }
 }
 
 /// Centres of the balls on body `b`, m.
 pub(super) fn balls(scene: &Scene, b: usize) -> Vec<Vector3<f64>> {
     let g = scene.geometry;
-    let pair = Vector3::y() * (0.5 * g.pair_distance);
-    match (b, scene.machine) {
+    match (body_kind(b), scene.machine) {
         (_, Mechanism::Axis(_)) => Vec::new(),
-        (ARM..STRUT, _) => {
-            let elbow = match g.arms {
-                Actuator::Prismatic { .. } => Vector3::zeros(),
-                Actuator::Revolute => Vector3::x() * g.arm_length,
-            };
-            vec![elbow + pair, elbow - pair]
-        }
-        (PLATFORM, _) => corners(g).to_vec(),
+        (BodyKind::Arm(limb), _) => vec![g.elbow_ball(2 * limb), g.elbow_ball(2 * limb + 1)],
+        (BodyKind::Platform(part), _) => corners(g, part),
         _ => Vec::new(),
     }
 }
@@ -97,21 +93,21 @@ fn rod(end: Vector3<f64>, radius: f64) -> Mesh {
 }
 
 /// Hub on the motor's shaft, tapered beam, and at the elbow the bar for its two balls.
-fn arm(g: &Geometry) -> Vec<Part> {
-    let elbow = Vector3::x() * g.arm_length;
-    let tube = (g.arm_length - ARM_TRIM).max(0.5 * g.arm_length);
-    let half = 0.5 * g.pair_distance;
+fn arm(limb: &Limb) -> Vec<Part> {
+    let elbow = Vector3::x() * limb.arm_length;
+    let tube = (limb.arm_length - ARM_TRIM).max(0.5 * limb.arm_length);
+    let half = 0.5 * limb.pair_distance;
     let wide = 1.4 * ARM_RADIUS;
     let hub = Mesh::lathe(Vector3::zeros(), Vector3::y(), &[(-wide, 0.0), (-wide, wide), (wide, wide), (wide, 0.0)]);
     let beam = Mesh::beam(tube, [0.9 * ARM_RADIUS, 1.3 * ARM_RADIUS], [0.5 * ARM_RADIUS, 0.6 * ARM_RADIUS]);
-    let neck = Mesh::lathe(Vector3::x() * tube, Vector3::x(), &[(0.0, 0.012), (g.arm_length - tube, 0.007)]);
+    let neck = Mesh::lathe(Vector3::x() * tube, Vector3::x(), &[(0.0, 0.012), (limb.arm_length - tube, 0.007)]);
     let bar = Mesh::lathe(elbow, Vector3::y(), &[(-half, 0.0), (-half, 0.006), (half, 0.006), (half, 0.0)]);
     vec![Part { name: "", mesh: hub.and(beam), color: STEEL }, Part { name: "neck", mesh: neck.and(bar), color: BRASS }]
 }
 
 /// Block on its guide, and beside it the bar for its two balls.
-fn carriage(g: &Geometry) -> Vec<Part> {
-    let half = 0.5 * g.pair_distance;
+fn carriage(limb: &Limb) -> Vec<Part> {
+    let half = 0.5 * limb.pair_distance;
     let (r, l) = (CARRIAGE_RADIUS, 0.5 * CARRIAGE_LENGTH);
     let guide = Vector3::z() * (2.0 * r + BALL_RADIUS);
     let block = Mesh::lathe(guide, Vector3::x(), &[(-l, 0.0), (-l, 1.6 * r), (l, 1.6 * r), (l, 0.0)]);
@@ -138,18 +134,33 @@ fn strut(length: f64) -> Vec<Part> {
     vec![tube, cup(0, 0.0, Vector3::x()), cup(1, length, -Vector3::x())]
 }
 
-/// Corners of the platform, where its balls are, m.
-fn corners(g: &Geometry) -> [Vector3<f64>; STRUTS] {
-    let corner = |s: usize| {
-        let i = s / (STRUTS / ARMS);
-        Geometry::radial(i) * g.platform_radius + Geometry::tangential(i) * g.pair_offset(s)
-    };
-    [1, 0, 3, 2, 5, 4].map(corner)
+/// Corners of part `part` of the plate, where its balls are, anticlockwise from the first limb, m.
+fn corners(g: &Geometry, part: usize) -> Vec<Vector3<f64>> {
+    let limbs = (0..g.limbs.len()).filter(|&i| g.limbs[i].part == part);
+    let mut all: Vec<_> = limbs.flat_map(|i| [2 * i + 1, 2 * i]).map(|s| g.platform_ball(s)).collect();
+    if !g.has_platform_of_three() {
+        let centre = all.iter().sum::<Vector3<f64>>() / all.len().max(1) as f64;
+        let angle = |v: &Vector3<f64>| (v.y - centre.y).atan2(v.x - centre.x);
+        all.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
+    }
+    all
 }
 
-fn platform(g: &Geometry) -> Vec<Part> {
-    let plate = Mesh::plate(&corners(g), 0.5 * PLATFORM_THICKNESS);
-    let radius = (g.platform_radius - PLATFORM_INSET).max(0.5 * g.platform_radius) + PLATFORM_THICKNESS;
+/// The connecting bar of a parallelogram that does not carry the end effector.
+fn link(g: &Geometry) -> Vec<Part> {
+    let Plate::Par4 { connecting, .. } = g.plate else { return Vec::new() };
+    let (length, radius) = (connecting.norm(), PLATFORM_THICKNESS);
+    let bar = [(0.0, 0.0), (0.0, radius), (length, radius), (length, 0.0)];
+    let mesh = Mesh::lathe(connecting / -2.0, connecting / length, &bar);
+    vec![Part { name: "", mesh, color: ORANGE }]
+}
+
+fn platform(g: &Geometry, part: usize) -> Vec<Part> {
+    let plate = Mesh::plate(&corners(g, part), 0.5 * PLATFORM_THICKNESS);
+    if g.plate.turns() {
+        return vec![Part { name: "hub", mesh: plate, color: ORANGE }];
+    }
+    let radius = (g.platform_radius() - PLATFORM_INSET).max(0.5 * g.platform_radius()) + PLATFORM_THICKNESS;
     let thick = PLATFORM_THICKNESS;
     let profile = [(-thick, 0.0), (-thick, 0.8 * radius), (0.0, radius), (thick, 0.8 * radius), (thick, 0.0)];
     let hub = Mesh::lathe(Vector3::zeros(), Vector3::z(), &profile);

@@ -8,8 +8,8 @@ use super::known::Known;
 use super::paint::{GHOST, heat};
 use super::robot::{AFTER, is_assembled};
 use super::{AXIS, Outcome, color, frames, point};
+use deltatwin::machine::AXES;
 use deltatwin::machine::bodies::PLATFORM;
-use deltatwin::machine::{AXES, Geometry};
 
 /// Time that the trail of a stream goes back, s.
 const BACK: f64 = 2.0;
@@ -83,7 +83,7 @@ pub(super) fn legend(rec: &RecordingStream, scene: &Scene) -> Outcome {
     }
     // Above what moves, beside the housing, and within the first view of the scene.
     let height = g.mounting_height + f64::from(LINE.1);
-    let [x, y, z] = point(Geometry::radial(0) * (-2.5 * g.base_radius) + Vector3::z() * height);
+    let [x, y, z] = point(g.limbs[0].radial() * (-2.5 * g.limbs[0].base_radius) + Vector3::z() * height);
     let strips = (0..lines.len()).map(|k| {
         let height = z - LINE.1 * k as f32;
         [[x, y - 0.5 * LINE.0, height], [x, y + 0.5 * LINE.0, height]]

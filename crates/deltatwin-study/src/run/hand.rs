@@ -51,7 +51,7 @@ pub fn estimate(plant: &Plant, desired: &DesiredMotion, duration: f64, trace: &[
             (torque, time) = (tilting, t);
         }
     }
-    let force = torque / plant.geometry.pair_distance;
+    let force = torque / plant.geometry.limbs[0].pair_distance;
     let (twin_force, socket, when) = peak(trace);
     let excess = (force > 0.0).then(|| twin_force / force - 1.0);
     let mut why = String::new();
@@ -67,7 +67,8 @@ pub fn estimate(plant: &Plant, desired: &DesiredMotion, duration: f64, trace: &[
 fn peak(trace: &[Sample]) -> (f64, usize, f64) {
     let mut most = (0.0, 0, 0.0);
     for sample in trace {
-        for (socket, force) in sample.strut_force.iter().flatten().enumerate() {
+        let forces = sample.strut_force.iter().flat_map(|end| &end[..STRUTS]);
+        for (socket, force) in forces.enumerate() {
             if force.abs() > most.0 {
                 most = (force.abs(), socket, sample.t);
             }
@@ -94,7 +95,7 @@ fn explained(plant: &Plant, motion: &Motion, (socket, force, time): (usize, f64,
     let rigid = if socket < STRUTS { all.lambda_s[strut] } else { all.lambda_p[strut] };
     let sign = rigid.signum();
     let [couple, carried, total] = [couple, carried, rigid].map(|x| sign * x);
-    let hand = tilting.norm() / plant.geometry.pair_distance;
+    let hand = tilting.norm() / plant.geometry.limbs[0].pair_distance;
     let incline = motion.strut_axis[strut].z.abs().acos().to_degrees();
     Some(format!(
         "{} at {time:.3} s: {force:.0} N, of which the tilting torque causes {couple:.0} N (three pairs share the \

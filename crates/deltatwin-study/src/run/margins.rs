@@ -98,7 +98,7 @@ impl Margins {
                 self.see(CauseKind::Speed, t, 1.0 - sample.rate[i].abs() / drive.max_speed, || axis(i));
             }
             for i in 0..arms {
-                let range = inside(sample.q[i], model.geometry.arm_limits);
+                let range = inside(sample.q[i], model.geometry.limbs[i].limits);
                 self.see(CauseKind::Workspace, t, range, || format!("arm {}", i + 1));
             }
             if model.assembled && model.geometry.has_telescope() {
@@ -154,7 +154,7 @@ fn inside(value: f64, [low, high]: [f64; 2]) -> f64 {
 
 /// |cos| of the elbow's angle at a place: beyond 1 the strut does not reach it.
 fn reached(geometry: &Geometry, limb: usize, position: &Vector3<f64>) -> f64 {
-    geometry.elbow_cosine(limb, position).abs()
+    geometry.elbow_cosine(limb, position, 0.0).abs()
 }
 
 /// Force to which the margin of a socket is related, N: its own hold, of an empty clamp that of the model.

@@ -151,8 +151,8 @@ fn a_tilting_weight_at_rest_by_hand() {
     // 0.152·cos φ − sin φ = −0.0499 at z = −1 m gives φ = 0.2002 rad, the struts span 1 − 0.5·sin φ = 0.9006 m of height:
     // cos θ = 0.8143, and 27.82 N.
     let geometry = case(TRAVEL).model.geometry;
-    let q = geometry.inverse(&Vector3::new(0.0, 0.0, -1.0)).unwrap();
-    let cosine = (1.0 - geometry.arm_length * q[0].sin()) / geometry.strut_length[0];
+    let q = geometry.inverse(&Vector3::new(0.0, 0.0, -1.0), 0.0).unwrap();
+    let cosine = (1.0 - geometry.limbs[0].arm_length * q[0].sin()) / geometry.limbs[0].strut_length;
     let expected = 2.0 / 3.0 * 4.0 * 9.81 * 0.1 * 120f64.to_radians().sin() / (0.1 * cosine);
     let (middle, beside) = (resting(0.0), resting(0.1));
     let added = beside.strut_force - middle.strut_force;

@@ -120,8 +120,8 @@ fn torque_noise(model: &Model) -> [f64; AXES] {
 /// struts'.
 fn payload(model: &Model) -> Payload {
     let drive = model.drives[0].max_torque;
-    let force = match model.geometry.arms {
-        Actuator::Revolute => drive / model.geometry.arm_length,
+    let force = match model.geometry.actuator() {
+        Actuator::Revolute => drive / model.geometry.limbs[0].arm_length,
         Actuator::Prismatic { .. } => drive,
     };
     let (heavier, larger) = (force / REFERENCE_FORCE, model.view().size());

@@ -6,7 +6,6 @@ use rand_chacha::ChaCha8Rng;
 
 use deltatwin::dynamics::{Plant, steady_inverse_dynamics};
 use deltatwin::kinematics::{PlatformState, Target};
-use deltatwin::machine::ARMS;
 use deltatwin::model::Model;
 use deltatwin::scenario::motion::path::Path;
 use deltatwin::scenario::motion::polynomial::Piecewise;
@@ -87,6 +86,15 @@ fn platform([p, v, a]: [Vector4<f64>; 3]) -> PlatformState {
     PlatformState { position: p.xyz(), velocity: v.xyz(), acceleration: a.xyz(), psi: [p[3], v[3], a[3]] }
 }
 
+/// Amplitude of ψ, rad: `free` with a telescope, within the reach of a plate that turns the end effector, else zero.
+fn turning(plant: &Plant, free: f64) -> f64 {
+    match plant.mechanism {
+        machine if machine.has_telescope() => free,
+        machine if machine.plate_turns() => 0.6,
+        _ => 0.0,
+    }
+}
+
 /// Random centre of a motion near the middle of the workspace.
 fn centre(plant: &Plant, limits: &MotionLimits, rng: &mut ChaCha8Rng) -> [f64; 4] {
     FourierMotion::random(plant, limits, 1.0, 0, rng).centre
@@ -96,7 +104,7 @@ fn centre(plant: &Plant, limits: &MotionLimits, rng: &mut ChaCha8Rng) -> [f64; 4
 /// limits.
 fn wideband(plant: &Plant, limits: &MotionLimits, rng: &mut ChaCha8Rng) -> FourierMotion {
     let (frequency, harmonics) = WIDEBAND;
-    let psi = if plant.mechanism.has_telescope() { 6.0 } else { 0.0 };
+    let psi = turning(plant, 6.0);
     let mut draw = |k: usize| [0.08, 0.08, 0.03, psi / (1.0 + k as f64)].map(|size| size * rng.random_range(-1.0..1.0));
     let sine = (0..harmonics).map(&mut draw).collect();
     let cosine = (0..harmonics).map(&mut draw).collect();
@@ -104,6 +112,7 @@ fn wideband(plant: &Plant, limits: &MotionLimits, rng: &mut ChaCha8Rng) -> Fouri
     for _ in 0..200 {
         let coordinates = match beyond(&|t| motion.at(t), 1.0 / frequency, plant, limits) {
             None => break,
+            Some(Beyond::Reach) if plant.mechanism.plate_turns() => 0..4,
             Some(Beyond::Reach) => 0..3,
             // An eccentric payload loads the arms when axis 4 accelerates it.
             Some(Beyond::Arms) => 0..4,
@@ -119,7 +128,7 @@ fn wideband(plant: &Plant, limits: &MotionLimits, rng: &mut ChaCha8Rng) -> Fouri
 /// A closed path through random waypoints, reduced in speed and size until it respects the limits.
 fn cycle(plant: &Plant, limits: &MotionLimits, rng: &mut ChaCha8Rng) -> Piecewise {
     let centre = centre(plant, limits, rng);
-    let psi = if plant.mechanism.has_telescope() { BOX[3] } else { 0.0 };
+    let psi = turning(plant, BOX[3]);
     let half = [BOX[0], BOX[1], BOX[2], psi];
     let corners: Vec<[f64; 4]> =
         (0..WAYPOINTS).map(|_| half.map(|h| if h > 0.0 { rng.random_range(-h..h) } else { 0.0 })).collect();
@@ -155,6 +164,7 @@ enum Beyond {
 }
 
 fn beyond(at: &dyn Fn(f64) -> PlatformState, length: f64, plant: &Plant, limits: &MotionLimits) -> Option<Beyond> {
+    let arms = plant.mechanism.arms();
     for k in 0..(length / SPACING).ceil() as usize {
         let t = k as f64 * SPACING;
         let platform = at(t);
@@ -166,13 +176,13 @@ fn beyond(at: &dyn Fn(f64) -> PlatformState, length: f64, plant: &Plant, limits:
         let Ok(torque) = torque.map(|out| out.tau) else { return Some(Beyond::Reach) };
         let over = |i: usize| {
             joints.qd[i].abs() > limits.speed[i]
-                || (i < ARMS && joints.qdd[i].abs() > limits.acceleration[i])
+                || (i < arms && joints.qdd[i].abs() > limits.acceleration[i])
                 || torque[i].abs() > limits.torque[i]
         };
-        if (0..ARMS).any(over) {
+        if (0..arms).any(over) {
             return Some(Beyond::Arms);
         }
-        if (ARMS..plant.mechanism.axes()).any(over) {
+        if (arms..plant.mechanism.axes()).any(over) {
             return Some(Beyond::Axis4);
         }
     }

@@ -44,7 +44,7 @@ pub fn without_socket_friction(robot: &Model) -> Model {
 pub fn with_arm_weights(robot: &Model, mass: f64) -> Model {
     let mut loaded = robot.clone();
     for arm in ARM..STRUT {
-        loaded.bodies[arm] += Inertia::point(mass, Vector3::x() * robot.geometry.arm_length);
+        loaded.bodies[arm] += Inertia::point(mass, Vector3::x() * robot.geometry.limbs[0].arm_length);
     }
     loaded
 }
@@ -58,7 +58,7 @@ pub fn with_measurement_strut(robot: &Model) -> Model {
     let mut measuring = robot.clone();
     let mut extra = [0.0; STRUTS];
     extra[0] = paper::MEASUREMENT_STRUT - robot.bodies[STRUT].mass;
-    let lengths = [[robot.geometry.strut_length[0]], [robot.geometry.arm_length]];
+    let lengths = [[robot.geometry.limbs[0].strut_length], [robot.geometry.limbs[0].arm_length]];
     let effect = find("limb_asymmetry").expect("a registered effect");
     measuring.effects.retain(|a| a.effect.name() != effect.name());
     measuring.effects.push(ActiveEffect::new(effect, &[&extra, &[0.0; ARMS], &lengths[0], &lengths[1]]));

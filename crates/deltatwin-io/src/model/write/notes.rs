@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use deltatwin::machine::bodies::BODIES;
+use deltatwin::machine::bodies::SLOTS;
 use deltatwin::model::Model;
 use miette::{IntoDiagnostic, Result, WrapErr, miette};
 use toml_edit::{DocumentMut, Item, Table};
@@ -31,7 +31,7 @@ pub struct Note {
 pub fn noted_text(original: &str, model: &Model, notes: &[Note], heading: &[String]) -> Result<String> {
     let text = updated_text(original, model)?;
     let mut document: DocumentMut = text.parse().into_diagnostic().wrap_err("the model file is not valid TOML")?;
-    let all: Vec<usize> = (0..BODIES).collect();
+    let all: Vec<usize> = (0..SLOTS).collect();
     let sections = sections(model, &all);
     for note in notes {
         let path: Vec<&str> = note.table.split('.').filter(|p| !p.is_empty()).collect();

@@ -5,7 +5,7 @@ use toml::Spanned;
 
 use crate::source::{Checked, Interval, Source};
 use deltatwin::kinematics::motion::SOCKETS;
-use deltatwin::machine::STRUTS;
+use deltatwin::machine::MAX_STRUTS;
 use deltatwin::scenario::sockets::{SPRINGS, SocketSetup, spring_name};
 use deltatwin::scenario::{Gains, Sensors, Supervision, Trip};
 
@@ -132,10 +132,10 @@ pub(super) fn sensors(file: &Source, keys: &SensorKeys) -> Checked<Sensors> {
     Ok(out)
 }
 
-fn struts(file: &Source, key: &str, numbers: &[Spanned<i64>]) -> Checked<[bool; STRUTS]> {
-    let mut fitted = [false; STRUTS];
+fn struts(file: &Source, key: &str, numbers: &[Spanned<i64>]) -> Checked<[bool; MAX_STRUTS]> {
+    let mut fitted = [false; MAX_STRUTS];
     for strut in numbers {
-        let i = file.count(key, strut, 1, STRUTS as i64)?;
+        let i = file.count(key, strut, 1, MAX_STRUTS as i64)?;
         once(file, key, &mut fitted[i - 1], strut, "strut")?;
     }
     Ok(fitted)
@@ -201,7 +201,7 @@ mod tests {
         assert_eq!(s.supervision.trip, Trip::Brake { torque: 30.0 });
         assert_eq!((s.supervision.torque, s.supervision.tracking), (Some(40.0), Some(0.05)));
         assert!(s.sensors.strut_lower[1] && s.sensors.velocity && s.sensors.sockets);
-        assert!(!s.sensors.ee && !s.sensors.acceleration && s.sensors.strut_upper == [false; STRUTS]);
+        assert!(!s.sensors.ee && !s.sensors.acceleration && s.sensors.strut_upper == [false; MAX_STRUTS]);
         assert_eq!((s.gains.proportional, s.gains.derivative), (Some([1.0, 2.0, 3.0, 4.0]), None));
         let model = crate::model::read(&s.model).unwrap();
         let holds = s.socket_holds(&model);
@@ -232,7 +232,7 @@ mod tests {
             ),
             ("[supervision]\ntrip = \"brake\"".into(), "trip = \"brake\" lacks `supervision.brake_torque`"),
             ("[supervision]\nbrake_torque = 3".into(), "no meaning for trip = \"coast\""),
-            ("[sensors]\nstrut_lower = [7]".into(), "`sensors.strut_lower` is 7"),
+            ("[sensors]\nstrut_lower = [9]".into(), "`sensors.strut_lower` is 9"),
             ("[sensors]\nstrut_upper = [1, 1]".into(), "`sensors.strut_upper` has 1 twice"),
             (
                 "[sensors]\nrecord = [\"speed\"]".into(),

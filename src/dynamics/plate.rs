@@ -1,0 +1,143 @@
+//! Virtual motions of a plate and the strut forces that balance it, for any number of limbs and any plate.
+//!
+//! Coordinates: translation and rotation of the plate as a whole, then its inner freedoms ([`Plate::freedoms`]), then the common
+//! coordinate of coupled passive arms. With G the rates of the gaps at all struts per coordinate and W the loads on the
+//! coordinates, the axial forces T at the lower balls satisfy Gᵀ T = W. Where there are more struts than coordinates, they are
+//! those of elastic struts, all equally stiff and without prestress, in the limit of infinite stiffness: T = G (GᵀG)⁻¹ W, the
+//! solution with the least Σ T².
+//!
+//! [`Plate::freedoms`]: crate::machine::Plate::freedoms
+
+use nalgebra::{SMatrix, SVector, Vector3};
+
+use super::channels::{STILL, Twist};
+use crate::kinematics::{KinematicsError, Motion};
+use crate::machine::bodies::{END_EFFECTOR, PLATFORM, SLOTS, arm, strut};
+use crate::machine::plate::MAX_PARTS;
+use crate::machine::{Geometry, MAX_LIMBS, MAX_STRUTS};
+
+/// Most coordinates: as many as struts.
+type Square = SMatrix<f64, MAX_STRUTS, MAX_STRUTS>;
+/// Rates of, or loads on, the coordinates; the ones after the last are zero.
+pub(super) type Coordinates = SVector<f64, MAX_STRUTS>;
+
+/// Virtual motions of plate and passive arms at one pose.
+pub(super) struct PlateMotions {
+    bodies: &'static [usize],
+    /// Per coordinate the twists of the parts.
+    twists: Vec<[Twist; MAX_PARTS]>,
+    /// Gap rate at each strut per rate of its arm, negated: velocity of the upper ball along the strut.
+    pub lever: [f64; MAX_STRUTS],
+    /// Limbs with a passive arm.
+    passive: std::ops::Range<usize>,
+    /// Rates of the coordinates (rows) per gap rate at each strut (columns), (GᵀG)⁻¹Gᵀ.
+    inverse: Square,
+}
+
+impl PlateMotions {
+    /// Virtual motions of an assembled robot at the pose of `motion`.
+    ///
+    /// # Errors
+    /// [`KinematicsError::Singular`] if the struts do not hold the plate while the drives are locked.
+    pub fn new(geometry: &Geometry, motion: &Motion) -> Result<Self, KinematicsError> {
+        let bodies = geometry.plate.bodies();
+        let passive = motion.driven..motion.limbs;
+        let mut twists = of_parts(geometry, motion);
+        let own = twists.len();
+        if !passive.is_empty() {
+            twists.push([STILL; MAX_PARTS]);
+        }
+        let part = |body: usize| bodies.iter().position(|&b| b == body).unwrap_or(0);
+        let (mut gaps, mut lever) = (Square::zeros(), [0.0; MAX_STRUTS]);
+        for s in 0..motion.struts() {
+            let (u, limb) = (&motion.strut_axis[s], s / 2);
+            let upper = motion.bodies[strut(s)].position - motion.bodies[arm(limb)].position;
+            lever[s] = motion.arm_screw(limb).effort(&(*u, upper.cross(u)));
+            let carrier = motion.carrier[s];
+            let ball = motion.lower_ball(s) - motion.bodies[carrier].position;
+            for (c, parts) in twists.iter().enumerate().take(own) {
+                let (v, omega) = &parts[part(carrier)];
+                gaps[(s, c)] = u.dot(&(v + omega.cross(&ball)));
+            }
+            if passive.contains(&limb) {
+                gaps[(s, own)] = -lever[s];
+            }
+        }
+        let count = twists.len();
+        let singular = || KinematicsError::Singular { q: motion.q[..motion.driven].into() };
+        (count <= motion.struts()).then_some(()).ok_or_else(singular)?;
+        let mut normal = gaps.tr_mul(&gaps);
+        (count..MAX_STRUTS).for_each(|c| normal[(c, c)] = 1.0);
+        let inverse = match count == MAX_STRUTS {
+            true => gaps.try_inverse(),
+            false => normal.cholesky().map(|root| root.solve(&gaps.transpose())),
+        };
+        Ok(Self { bodies, twists, lever, passive, inverse: inverse.ok_or_else(singular)? })
+    }
+
+    /// Rates of the coordinates while the arm of driven `limb` moves at unit rate, no strut changes its length and the other
+    /// drives are locked.
+    pub fn driven(&self, limb: usize) -> Coordinates {
+        let [a, b] = [2 * limb, 2 * limb + 1];
+        self.inverse.column(a) * self.lever[a] + self.inverse.column(b) * self.lever[b]
+    }
+
+    /// Rates of the coordinates per unit gap at strut `s` while the drives are locked.
+    pub fn gap(&self, s: usize) -> Coordinates {
+        self.inverse.column(s).into_owned()
+    }
+
+    /// Writes the twists of the parts of the plate, and the rates of passive arms, at rates of the coordinates.
+    pub fn spread(&self, rates: &Coordinates, arms: &mut [f64; MAX_LIMBS], xi: &mut [Twist; SLOTS]) {
+        for (k, &body) in self.bodies.iter().enumerate() {
+            xi[body] = STILL;
+            for (parts, rate) in self.twists.iter().zip(rates.iter()) {
+                xi[body].0 += parts[k].0 * *rate;
+                xi[body].1 += parts[k].1 * *rate;
+            }
+        }
+        if !self.passive.is_empty() {
+            arms[self.passive.clone()].fill(rates[self.twists.len() - 1]);
+        }
+        if !self.bodies.contains(&END_EFFECTOR) {
+            xi[END_EFFECTOR] = xi[PLATFORM];
+        }
+    }
+
+    /// Axial forces at the lower balls, N, in balance with the wrenches on the parts of the plate, which include those that
+    /// struts hand on, and with the efforts on the arms.
+    pub fn balance(&self, wrenches: &[Twist; SLOTS], arms: &[f64; MAX_LIMBS]) -> SVector<f64, MAX_STRUTS> {
+        let mut loads = Coordinates::zeros();
+        for (parts, load) in self.twists.iter().zip(loads.iter_mut()) {
+            for (twist, &body) in parts.iter().zip(self.bodies) {
+                *load += twist.0.dot(&wrenches[body].0) + twist.1.dot(&wrenches[body].1);
+            }
+        }
+        if !self.passive.is_empty() {
+            loads[self.twists.len() - 1] += arms[self.passive.clone()].iter().sum::<f64>();
+        }
+        self.inverse.tr_mul(&loads)
+    }
+}
+
+/// Twists of the parts of the plate per coordinate: three translations, three rotations about the origin of the first part,
+/// then the inner freedoms.
+fn of_parts(geometry: &Geometry, motion: &Motion) -> Vec<[Twist; MAX_PARTS]> {
+    let bodies = geometry.plate.bodies();
+    let origin = motion.bodies[PLATFORM].position;
+    let mut all = Vec::with_capacity(MAX_STRUTS);
+    let unit = |k: usize| Vector3::from_fn(|i, _| f64::from(u8::from(i == k)));
+    all.extend((0..3).map(|k| [(unit(k), Vector3::zeros()); MAX_PARTS]));
+    for axis in (0..3).map(unit) {
+        let mut parts = [STILL; MAX_PARTS];
+        for (part, &body) in parts.iter_mut().zip(bodies) {
+            *part = (axis.cross(&(motion.bodies[body].position - origin)), axis);
+        }
+        all.push(parts);
+    }
+    let rotation = &motion.bodies[END_EFFECTOR].rotation;
+    let psi = rotation[(1, 0)].atan2(rotation[(0, 0)]);
+    let inner = geometry.plate.freedoms(psi).into_iter();
+    all.extend(inner.map(|parts| parts.map(|(v, rate)| (v, Vector3::z() * rate))));
+    all
+}
