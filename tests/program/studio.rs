@@ -353,8 +353,14 @@ fn the_loop_goes_on_after_a_kill() {
         let command = shown["command"].as_str().unwrap();
         assert!(version > 0 && command.starts_with(&format!("deltatwin compare {file} ")), "{command}: {file}");
     };
-    shows_its_model(&studio.done(json!({"do": "fit"})));
-    let state = studio.done(json!({"do": "add", "effect": "drive_stribeck"}));
+    studio.done(json!({"do": "fit"}));
+    shows_its_model(&studio.done(json!({"do": "where"})));
+    // The error of a new version is known before its residuals are.
+    let added = studio.done(json!({"do": "add", "effect": "drive_stribeck"}));
+    assert!(
+        added["session"]["versions"][2]["errors"].is_object() && added["session"]["stages"]["where"]["version"] == 1
+    );
+    let state = studio.done(json!({"do": "where"}));
     shows_its_model(&state);
     let rms = |state: &Value, k: usize| state["session"]["versions"][k]["errors"]["rms"][0].as_f64().unwrap();
     assert!(rms(&state, 1) <= rms(&state, 0) && rms(&state, 2) <= 1.001 * rms(&state, 1), "{state}");
@@ -366,10 +372,15 @@ fn the_loop_goes_on_after_a_kill() {
     assert_eq!(studio.rested()["session"], kept);
     let (status, part) = studio.ask("GET", "/api/stage?name=where", &[("x-token", &studio.token)], b"");
     assert!(status == 200 && part.contains("data-signals"));
-    assert_eq!(studio.act(json!({"do": "undo"}))["session"]["current"], 1);
-    studio.act(json!({"do": "save"}));
-    let page = std::fs::read_to_string(session.join("report.html")).unwrap();
+    let saved = || {
+        studio.act(json!({"do": "save"}));
+        std::fs::read_to_string(session.join("report.html")).unwrap()
+    };
+    let page = saved();
     assert!(page.contains("Content-Security-Policy") && page.contains("data-signals"));
+    // The residuals are of the version that was undone.
+    assert_eq!(studio.act(json!({"do": "undo"}))["session"]["current"], 1);
+    assert!(!saved().contains("data-signals"));
     // The command line goes on with the files of the session.
     let command = kept["versions"][1]["command"].as_str().unwrap().replace("'", "");
     let words: Vec<&str> = command.split(' ').skip(1).filter(|w| *w != "--map" && !w.starts_with("tau1=")).collect();
@@ -396,7 +407,8 @@ fn results_come_back_with_their_inputs() {
     studio.act(json!({"do": "shipped", "model": "servo-axis.toml"}));
     studio.done(json!({"do": "check"}));
     studio.done(json!({"do": "fit"}));
-    let before = studio.done(json!({"do": "add", "effect": "drive_stribeck"}))["session"].clone();
+    studio.done(json!({"do": "add", "effect": "drive_stribeck"}));
+    let before = studio.done(json!({"do": "where"}))["session"].clone();
     let parts = ["check", "fit", "where", "add"].map(part);
     assert_eq!(stages(&before), ["add", "check", "fit", "where"]);
     let same = |now: &Value| {
@@ -424,6 +436,32 @@ fn results_come_back_with_their_inputs() {
     same(&studio.act(json!({"do": "version", "version": 2}))["session"]);
     // A setup of a recording changes its results.
     assert!(stages(&drop_file("axis.setup.toml", b"configuration = \"assembled\"\n")).is_empty());
+}
+
+/// A stage that is cancelled makes room for the next one at once, and leaves nothing.
+#[test]
+fn a_cancelled_stage_ends_at_once() {
+    common::at_root();
+    let folder = TempDir::new().unwrap();
+    let session = folder.path().join("session");
+    let csv = axis(folder.path());
+    let studio = Studio::open(&session);
+    assert_eq!(studio.own("POST", "/api/file?name=axis.csv", &csv).0, 200);
+    studio.act(json!({"do": "shipped", "model": "servo-axis.toml"}));
+    studio.done(json!({"do": "check"}));
+    for pause in [0, 20, 100] {
+        studio.act(json!({"do": "why"}));
+        std::thread::sleep(Duration::from_millis(pause));
+        let begun = Instant::now();
+        let state = studio.act(json!({"do": "cancel"}));
+        assert!(state["job"].is_null() && begun.elapsed() < Duration::from_millis(500), "{:?}", begun.elapsed());
+        if state["message"] == "" {
+            assert!(pause > 0, "the stage had not ended");
+            continue;
+        }
+        assert_eq!(state["message"], "why was cancelled");
+        assert!(studio.done(json!({"do": "where"}))["session"]["stages"]["why"].is_null());
+    }
 }
 
 #[test]

@@ -91,6 +91,8 @@
     steps();
     panel();
     $("panel").focus();
+    // A new version of the model has no residuals yet.
+    if (name === "where" && passed() && !busy() && result("where")?.version !== current()) act({ do: "where" });
   }
 
   function bars() {
@@ -327,7 +329,7 @@
       if (r.good) { const p = element(box, "p"); button(p, "Fit", { do: "fit" }).addEventListener("click", () => go("fit")); }
     },
 
-    fit(box) { const ok = need(box); button(box, "Fit the model", { do: "fit" }, ok); outcome(box, "fit"); if (result("fit")) button(element(box, "p"), "Where does it fail?", { do: "where" }, ok).addEventListener("click", () => go("where")); },
+    fit(box) { const ok = need(box); button(box, "Fit the model", { do: "fit" }, ok); outcome(box, "fit"); if (result("fit")) element(element(box, "p"), "button", { type: "button", class: "go" }, "Where does it fail?").onclick = () => go("where"); },
     where(box) { const ok = need(box); button(box, "Where does the model fail?", { do: "where" }, ok); outcome(box, "where"); if (result("where")) button(element(box, "p"), "Why?", { do: "why" }, ok).addEventListener("click", () => go("why")); },
     why(box) {
       const ok = need(box);
@@ -368,7 +370,8 @@
     },
     save(box) {
       element(box, "p", {}, "One page with everything found so far, that needs no server; and the folder itself is the session.");
-      button(box, "Save the page", { do: "save" }, Object.keys(state.session.stages).length > 0);
+      const late = passed() && result("where") && result("where").version !== current();
+      button(box, "Save the page", { do: late ? "where" : "save" }, Object.keys(state.session.stages).length > 0, late ? [{ do: "save" }] : []);
       if (state.saved) element(element(box, "p"), "a", { href: `/api/file?name=report.html&token=${token}`, target: "_blank", class: "file" }, "saved: open report.html");
       element(box, "h3", {}, "The same on the command line");
       const chain = state.chain.map(k => state.session.versions[k].command).filter(c => c);

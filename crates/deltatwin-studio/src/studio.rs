@@ -161,8 +161,11 @@ impl Studio {
         let index = |key: &str| request[key].as_u64().map(|k| k as usize);
         match text("do") {
             "cancel" => {
-                if let Some(job) = &self.lock().job {
+                let mut inner = self.lock();
+                if let Some(job) = inner.job.take() {
                     job.cancel();
+                    inner.message = format!("{} was cancelled", job.stage);
+                    inner.revision += 1;
                 }
                 Ok(())
             }
@@ -270,6 +273,7 @@ impl Studio {
         std::thread::spawn(move || {
             let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
                 let task = studio.task(&job)?;
+                job.expect(stage::seconds_per_sample(stage) * task.samples() as f64);
                 let generation = task.session.generation;
                 work(&task, &job).map(|outcome| (outcome, generation))
             }));
@@ -279,12 +283,12 @@ impl Studio {
         Ok(())
     }
 
-    /// Keeps the outcome of a stage, or tells why there is none.
+    /// Keeps the outcome of a stage, or tells why there is none; that of a stage that was cancelled is dropped.
     fn end(&self, job: &Job, outcome: miette::Result<(Outcome, u64)>) {
+        if job.is_cancelled() {
+            return;
+        }
         let kept = outcome.and_then(|(outcome, generation)| {
-            if job.is_cancelled() {
-                return Err(miette!("{} was cancelled", job.stage));
-            }
             if self.lock().session.generation != generation {
                 return Err(miette!("the data have changed while {} was running", job.stage));
             }
@@ -296,6 +300,10 @@ impl Studio {
             })
         });
         let mut inner = self.lock();
+        // A cancellation that came meanwhile has made room for another stage.
+        if job.is_cancelled() {
+            return;
+        }
         inner.job = None;
         inner.revision += 1;
         if let Err(error) = kept {
@@ -318,7 +326,7 @@ impl Studio {
         let data = match loaded {
             Some(data) => data,
             None => {
-                job.at(0.01, "reading");
+                job.at((0.0, 0.0), "reading");
                 let data = Arc::new(Data::read(&session.inputs(&self.folder)?, &model)?);
                 let loaded = Loaded { generation: session.generation, machine, data: data.clone() };
                 self.lock().data = Some(loaded);

@@ -182,7 +182,9 @@ pub(crate) fn save(folder: &Path, session: &Session) -> miette::Result<()> {
     }
     let titles = [("check", "Check"), ("fit", "Fit"), ("where", "Where"), ("why", "Why"), ("add", "Add")];
     for (stage, title) in titles {
-        let Some(result) = session.stages.get(stage) else { continue };
+        // The residuals of another version say nothing of the one in use.
+        let known = session.stages.get(stage).filter(|r| stage != "where" || r.version == current);
+        let Some(result) = known else { continue };
         page.heading(title);
         page.callout(if result.good { Callout::Note } else { Callout::Bad }, &result.message);
         let part = session.part(folder, stage).and_then(|file| std::fs::read_to_string(file).ok());
