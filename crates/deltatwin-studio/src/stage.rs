@@ -10,7 +10,8 @@ use deltatwin::machine::Configuration;
 use deltatwin::model::{Model, Provenance};
 use deltatwin::text::significant;
 use deltatwin_analysis::gate::{Examined, line as finding_line};
-use deltatwin_analysis::{add as added, compare as compared, diagnose as diagnosed, gate, law, page, run};
+use deltatwin_analysis::law::{self, TermError};
+use deltatwin_analysis::{add as added, compare as compared, diagnose as diagnosed, gate, page, run};
 use deltatwin_io::file::replace_text;
 use deltatwin_io::model;
 use deltatwin_io::scenario::write_experiment;
@@ -135,6 +136,7 @@ impl Task {
             remedies: Vec::new(),
             named: Vec::new(),
             files: Vec::new(),
+            next: None,
         }
     }
 }
@@ -309,6 +311,7 @@ pub(crate) fn diagnose(task: &Task, job: &Job) -> miette::Result<Outcome> {
     let mut result = task.result(true, deltatwin_analysis::sentence::verdict(&d), task.command("diagnose", &[], more));
     result.named = d.effects.iter().map(|e| e.name.clone()).collect();
     result.files = files;
+    result.next = d.next_experiment.as_ref().map(|n| format!("{}.", n.what.trim_end_matches('.')));
     let scenario = result.files.first().map(Path::new);
     let json = diagnosed::json(&d, None, scenario);
     Ok(Outcome { stages: vec![("why", result, json, report)], model: None, errors: Vec::new() })
@@ -323,8 +326,11 @@ pub(crate) fn add(task: &Task, job: &Job, effect: &str, laws: &[String]) -> miet
     };
     let clock = || if job.is_cancelled() { f64::INFINITY } else { 0.0 };
     let options = Options { clock: &clock, candidates: &typed, ..Options::default() };
-    let a = diagnosis::add_with(&task.model, effect, &task.data.datasets, &task.data.held_out, &options)
-        .into_diagnostic()?;
+    let a = diagnosis::add_with(&task.model, effect, &task.data.datasets, &task.data.held_out, &options);
+    let a = a.map_err(|error| match TermError::of(&error, laws) {
+        Some(fault) => miette::Report::new(fault),
+        None => miette::Report::from_err(error),
+    })?;
     let errors = task.errors(a.budget.rms_after().to_vec(), a.budget.noise_floor.clone());
     let terms: Vec<&str> = laws.iter().flat_map(|term| ["--law", term]).collect();
     let command = |file: &str| task.command("add", &[effect], &[&terms[..], &["-o", file]].concat());
