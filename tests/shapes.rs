@@ -18,7 +18,7 @@
 //! | `backlash_hysteresis` | Dahl, LuGre, Bouc–Wen, Maxwell slip | – |
 
 use crate::common::{encoded, model, planned};
-use deltatwin::diagnosis::{Diagnosis, Options, diagnose, diagnose_with};
+use deltatwin::diagnosis::{Diagnosis, DiagnosisError, Options, diagnose, diagnose_with};
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::{Dataset, predict};
@@ -226,10 +226,14 @@ fn two_effects_stand_where_one_has_another_shape() {
 /// Once the time is up the answer is what stands so far, with names for what was not tried.
 #[test]
 fn without_time_there_is_an_answer_and_what_was_not_tried() {
-    let measurement = measured(LAWS[1].1, 9);
     let nominal = model("irb360-6-1600");
-    let options = Options { clock: &|| f64::INFINITY, ..Options::default() };
-    let d = diagnose_with(&nominal, &[measurement], &[], &options, &mut |_| {}).unwrap();
+    let measured = [measured(LAWS[1].1, 9)];
+    let after = |passed: f64| {
+        let clock = || passed;
+        diagnose_with(&nominal, &measured, &[], &Options { clock: &clock, ..Options::default() }, &mut |_| {})
+    };
+    assert!(matches!(after(f64::INFINITY), Err(DiagnosisError::Stopped)));
+    let d = after(f64::MAX).unwrap();
     println!("{} not tried: {:?}", d.verdict, d.not_tried);
     assert!(d.effects.is_empty() && d.next_experiment.is_none() && d.unexplained.is_none());
     assert!(d.not_tried.iter().any(|n| n == "hose_spring"), "{:?}", d.not_tried);

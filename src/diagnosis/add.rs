@@ -44,7 +44,7 @@ pub fn add(
 /// Addition as [`add`], with known parameters, a time limit and effects outside the registry.
 ///
 /// # Errors
-/// As [`add`].
+/// As [`add`]; [`DiagnosisError::Stopped`] once the clock is infinite.
 pub fn add_with(
     model: &Model,
     effect: &str,
@@ -73,6 +73,7 @@ pub fn add_with(
     let fitting = Fitting::new(model, datasets, options).with_repeats(model)?;
     let judge = Judge::new(&fitting, model, held_out)?;
     let before = judge.fit(model)?;
+    fitting.go_on()?;
     let absent = problem::absent(&mounted, &before.fit, datasets, options.candidates);
     let shapes = absent.into_iter().find(|c| c[0].effect.name() == effect);
     let candidates = [shapes.ok_or_else(|| DiagnosisError::NotResolved(effect.into()))?];
@@ -80,7 +81,9 @@ pub fn add_with(
     let ranking = evidence::evaluate(&problem, &[], &evidence::Settings::default())?;
     let chosen = Chosen { candidate: 0, variant: ranking.of(0).map_or(0, |a| a.variant) };
     let with = with_effects(&before.fit.model, &candidates, &[chosen], Some(&ranking));
+    fitting.go_on()?;
     let Judged { mut fit, residuals } = judge.fit(&with)?;
+    fitting.go_on()?;
     let budget = judge.budget(before.rms().to_vec(), vec![(effect.into(), residuals.rms.clone())]);
     fit.model.history.extend(budget.history());
     let changes = budget::changes(&before.fit, &fit);

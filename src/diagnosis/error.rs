@@ -17,6 +17,9 @@ pub enum DiagnosisError {
     /// The recordings have too few rows to show what has changed.
     #[error("{0}; record longer, or without gaps")]
     TooFew(evidence::TooFew),
+    /// The clock has stopped the diagnosis.
+    #[error("the diagnosis was stopped")]
+    Stopped,
     /// No recording was given.
     #[error("no recording to diagnose")]
     NoData,

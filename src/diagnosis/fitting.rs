@@ -3,13 +3,14 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use super::DiagnosisError;
 use super::problem::block;
 use crate::effects::{Effect, Param};
 use crate::identification::fit::{self, Fit, FitError, Options as FitOptions, fit_with};
 use crate::identification::{Dataset, Laps, NoiseLevel, Repeats, Residuals};
 use crate::model::Model;
 
-/// Function that returns the share of the permitted time that has passed; 1 or more when it is up.
+/// Function that returns the share of the permitted time that has passed; 1 or more when it is up, infinity to stop.
 pub type Clock<'a> = &'a (dyn Fn() -> f64 + Sync);
 
 /// Prior knowledge and time limit of a diagnosis.
@@ -17,7 +18,7 @@ pub type Clock<'a> = &'a (dyn Fn() -> f64 + Sync);
 pub struct Options<'a> {
     /// Effects (or `rigid_bodies`) whose parameters are known and not fitted.
     pub fixed: &'a [String],
-    /// When the time is up, the best result so far is returned with the steps not tried.
+    /// When the time is up, the best result so far is returned with the steps not tried; infinity stops without a result.
     pub clock: Clock<'a>,
     /// Effects outside the registry that are tried beside it, with names of their own.
     pub candidates: &'a [Arc<dyn Effect>],
@@ -145,6 +146,14 @@ impl<'a> Fitting<'a> {
         let passes = fitting.regressions as f64 + PREDICTION * fitting.predictions as f64;
         let axes = self.datasets.first().map_or(1, |dataset| dataset.mechanism.axes());
         (self.clock)().max(axes as f64 * passes / MOST_PASSES)
+    }
+
+    /// Goes on unless the clock has stopped the diagnosis.
+    ///
+    /// # Errors
+    /// [`DiagnosisError::Stopped`].
+    pub fn go_on(&self) -> Result<(), DiagnosisError> {
+        if (self.clock)() == f64::INFINITY { Err(DiagnosisError::Stopped) } else { Ok(()) }
     }
 
     /// Whether it is too late to search another effect.

@@ -55,7 +55,7 @@ pub fn diagnose(
 /// Diagnosis as [`diagnose`], with known parameters, a time limit and effects outside the registry.
 ///
 /// # Errors
-/// As [`diagnose`].
+/// As [`diagnose`]; [`DiagnosisError::Stopped`] once the clock is infinite.
 pub fn diagnose_with(
     model: &Model,
     datasets: &[Dataset],
@@ -71,9 +71,11 @@ pub fn diagnose_with(
         Some(fitted) => fitted.clone(),
         None => fitting.fit(model)?,
     };
+    fitting.go_on()?;
     let mounted = in_configuration(model, &datasets[0].setup);
     let candidates = problem::absent(&mounted, &refitted, datasets, fitting.candidates);
     let found = search::find(refitted, &judge, &candidates, progress)?;
+    fitting.go_on()?;
     progress("confidence");
     let mut conclusion = Conclusion::new(&found, &judge)?;
     progress("what is left");
@@ -84,6 +86,7 @@ pub fn diagnose_with(
     } else {
         conclusion.not_tried.push("a law outside the library".into());
     }
+    fitting.go_on()?;
     conclusion.settle();
     let left = Left::of(&conclusion, &judge)?;
     progress("next experiment");
@@ -93,6 +96,7 @@ pub fn diagnose_with(
     } else {
         conclusion.not_tried.push("the next experiment".into());
     }
+    fitting.go_on()?;
     conclusion.answer(found, left, next, &mounted, &judge)
 }
 

@@ -106,8 +106,11 @@ fn find_along(
     }
     let mut begun: Vec<Chosen> = Vec::new();
     loop {
+        judge.fitting.go_on()?;
         progress("evidence");
-        let refused = match search.select(&std::mem::take(&mut begun), progress)? {
+        let selected = search.select(&std::mem::take(&mut begun), progress)?;
+        judge.fitting.go_on()?;
+        let refused = match selected {
             Selection::Complete(complete) => {
                 let (outcome, end) = *complete;
                 if search.sampling_lag(&end).is_some() && search.recorded_lag(&end.fit).is_none() {

@@ -3,8 +3,11 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use deltatwin::diagnosis::DiagnosisError;
 use deltatwin::effects::Effect;
 use deltatwin::effects::formula::{Expression, Formula, Place, Term};
+use deltatwin::identification::FitError;
+use deltatwin::kinematics::KinematicsError;
 use deltatwin::machine::{Mechanism, Unit};
 use deltatwin::text::nearest;
 
@@ -16,6 +19,42 @@ pub struct LawError {
     pub at: Range<usize>,
     /// What was found and what was expected.
     pub problem: String,
+}
+
+/// A typed term whose law has no finite value at a sample of a recording.
+#[derive(Clone, Debug, PartialEq, thiserror::Error, miette::Diagnostic)]
+#[error("term {}, `{law}`: {reason}", .term + 1)]
+pub struct TermError {
+    /// Index of the term.
+    pub term: usize,
+    /// The term as typed.
+    pub law: String,
+    /// The value, and where it was found.
+    pub reason: String,
+}
+
+impl TermError {
+    /// The typed term among `terms` that `error` is about; `None` if it has another cause.
+    pub fn of(error: &DiagnosisError, terms: &[String]) -> Option<Self> {
+        let DiagnosisError::Fit(FitError::Kinematics { recording, reason: KinematicsError::Law(fault) }) = error else {
+            return None;
+        };
+        let term = (0..terms.len()).find(|k| fault.term == coefficient(*k))?;
+        let listed = |values: &[f64]| values.iter().map(|x| format!("{x:.4}")).collect::<Vec<_>>().join(", ");
+        let reason = format!(
+            "the law gives {} at t = {:.4} s of {recording}, where q = ({}) and qd = ({}); expected a finite number at every sample",
+            fault.value,
+            fault.t,
+            listed(&fault.q),
+            listed(&fault.qd)
+        );
+        Some(Self { term, law: terms[term].clone(), reason })
+    }
+}
+
+/// Name of the coefficient of typed term `k`.
+fn coefficient(k: usize) -> String {
+    format!("c{}", k + 1)
 }
 
 /// A law that acts at a place of a machine, with the unit of its coefficient.
@@ -61,7 +100,7 @@ pub fn formula(machine: Mechanism, terms: &[String]) -> Result<Arc<dyn Effect>, 
             problem: format!("`{text}`: {}", e.problem),
         })?;
         // A typical size: the coefficient is found by the fit.
-        Ok((Term { name: format!("c{}", k + 1), at, law }, 1.0))
+        Ok((Term { name: coefficient(k), at, law }, 1.0))
     };
     let terms = terms.iter().enumerate().map(term).collect::<Result<Vec<_>, _>>()?;
     Ok(Arc::new(Formula::new(terms, false, machine)))

@@ -130,8 +130,8 @@ pub fn run(
     let identification = identify_until(model, data, Some(&is_late))?;
     stop(settings)?;
     let fitted = &identification.fitted;
-    let mut fraction = DIAGNOSIS;
-    step(Stage::Diagnose, fraction, "");
+    let mut done = 0.0;
+    step(Stage::Diagnose, DIAGNOSIS, "");
     let first = Some(fitted).filter(|_| !is_cut.load(Ordering::Relaxed));
     let options = Options { fixed: settings.hold, clock: settings.clock, fitted: first, ..Options::default() };
     // The comparisons need nothing of the diagnosis, much of which is serial.
@@ -142,13 +142,17 @@ pub fn run(
             Ok::<_, FitError>((delivered, identified))
         });
         let diagnosis = diagnose_with(model, &data.datasets, &data.held_out, &options, &mut |what| {
-            fraction = ahead(fraction, what);
-            step(Stage::Diagnose, fraction, what);
+            let span = ahead(done, what);
+            done = span.1;
+            step(Stage::Diagnose, DIAGNOSIS + (1.0 - DIAGNOSIS) * span.0, what);
         });
         (compared.join(), diagnosis)
     });
     let (delivered, identified) = compared.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
-    let diagnosis = diagnosis?;
+    let diagnosis = match diagnosis {
+        Err(DiagnosisError::Stopped) => return Err(RunError::Stopped),
+        other => other?,
+    };
     warnings.extend(crate::gate::much_is_left(&diagnosis.channels, &diagnosis.rms_after, &diagnosis.noise_floor));
     let zeros = data.zeros.clone();
     let cut = [(Stage::Identify, is_cut.into_inner()), (Stage::Diagnose, !diagnosis.not_tried.is_empty())];
@@ -182,7 +186,13 @@ pub fn identify(model: &Model, data: &Data) -> Result<Identification, FitError> 
 }
 
 /// As [`identify`]; the fit ends with the best parameters so far once `stop` returns true.
-fn identify_until(model: &Model, data: &Data, stop: Option<Stop>) -> Result<Identification, FitError> {
+///
+/// # Errors
+/// As [`identify`].
+///
+/// # Panics
+/// As [`identify`].
+pub fn identify_until(model: &Model, data: &Data, stop: Option<Stop>) -> Result<Identification, FitError> {
     let noise = NoiseLevel::measured(model, &data.datasets)?;
     let options = fit::Options { stop, ..fit::Options::default() };
     let fitted = fit_with(model, &data.datasets, &noise.of_each, &options)?;
@@ -197,18 +207,24 @@ fn stop(settings: &Settings) -> Result<(), RunError> {
 /// Share of a run after which the diagnosis begins.
 const DIAGNOSIS: f64 = 0.12;
 
-/// Share of a run that is done when its diagnosis reports `what`; its refits come closer and closer to the confidence.
-pub fn ahead(now: f64, what: &str) -> f64 {
-    let at: f64 = match what {
-        "refit" => DIAGNOSIS,
-        "confidence" => 0.75,
-        "what is left" => 0.85,
-        "next experiment" => 0.92,
-        _ if now < 0.75 => now + 0.15 * (0.75 - now),
-        _ => now + 0.1 * (1.0 - now),
+/// Shares of a diagnosis that are done before and after its step `what`, when `now` is done: measured on six recordings of
+/// 50 000 samples with one to fourteen fits. As the number of refits is not known, each takes a part of what is left to them.
+pub fn ahead(now: f64, what: &str) -> (f64, f64) {
+    let (from, to): (f64, f64) = match what {
+        "refit" => (0.0, 0.02),
+        "columns of the candidates" => (0.02, 0.18),
+        "confidence" => (SEARCH, 0.86),
+        "what is left" => (0.86, 0.88),
+        "next experiment" => (0.93, 1.0),
+        "evidence" => (now, now + 0.02 * (SEARCH - now)),
+        _ if now < SEARCH => (now, now + 0.33 * (SEARCH - now)),
+        _ => (now, now + 0.4 * (0.93 - now)),
     };
-    at.max(now)
+    (from.max(now), to.max(now))
 }
+
+/// Share of a diagnosis after which nothing more is added.
+const SEARCH: f64 = 0.85;
 
 #[cfg(test)]
 mod tests {
@@ -216,15 +232,18 @@ mod tests {
 
     #[test]
     fn the_fraction_never_falls_and_never_ends_early() {
-        let mut now = DIAGNOSIS;
+        let mut now = 0.0;
         let many = std::iter::repeat_n("refit with a", 50);
-        for what in
-            ["refit", "evidence"].into_iter().chain(many).chain(["confidence", "what is left", "next experiment", "x"])
-        {
-            let next = ahead(now, what);
-            assert!(next >= now && next < 1.0, "{what}: {now} {next}");
-            now = next;
+        for what in ["refit", "evidence"].into_iter().chain(many).chain([
+            "confidence",
+            "what is left",
+            "is it explained?",
+            "next experiment",
+        ]) {
+            let (from, to) = ahead(now, what);
+            assert!(from >= now && to >= from && from < 1.0, "{what}: {now} {from} {to}");
+            now = to;
         }
-        assert!(now > 0.9);
+        assert_eq!(now, 1.0);
     }
 }

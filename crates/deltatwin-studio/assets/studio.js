@@ -21,6 +21,8 @@
   async function act(request) {
     try { render(await ask("/api/do", { method: "POST", body: JSON.stringify(request) })); return true; } catch (error) { say(error.message); return false; }
   }
+  // Models and effects that come with the program.
+  const shipped = ask("/api/shipped");
   const part = async name => (await fetch(`/api/stage?name=${name}`, { headers: { "x-token": token } })).text();
   let own = "";
   function say(text) { own = text; $("message").textContent = text; $("message").hidden = !text; }
@@ -58,6 +60,7 @@
     viewer.update(before);
     if (!before || before.revision !== next.revision) {
       if (next.message) say(next.message); else if (!lost) say("");
+      blame(next.term);
       steps();
       bars();
       versions();
@@ -78,7 +81,7 @@
       const i = element(b, "i", { "aria-hidden": "true" }), r = result(name === "next" ? "why" : name);
       if (name === "data") i.className = state.session.recordings.length && current() !== null ? "good" : "";
       else if (name === "save") i.className = state.saved ? "good" : "";
-      else if (name === "next") i.className = r && r.files.length ? "good" : "";
+      else if (name === "next") i.className = r?.next ? "good" : "";
       else if (r) i.className = !r.good ? "bad" : r.version !== current() && name !== "check" ? "late" : "good";
       b.append(title);
       b.onclick = () => go(name);
@@ -91,6 +94,8 @@
     steps();
     panel();
     $("panel").focus();
+    // A new version of the model has no residuals yet.
+    if (name === "where" && passed() && !busy() && result("where")?.version !== current()) act({ do: "where" });
   }
 
   function bars() {
@@ -139,10 +144,13 @@
             const diff = await ask(`/api/difference?version=${k}`);
             for (const text of diff.effects) element(d, "p", { class: "small" }, text);
             const body = element(element(d, "table"), "tbody");
-            for (const p of diff.parameters) {
+            // What the shown digits do not tell apart has not changed.
+            const seen = diff.parameters.filter(p => digits(p.before) !== digits(p.after));
+            if (!seen.length) element(d, "p", { class: "small" }, "No number changed.");
+            for (const p of seen) {
               const tr = element(body, "tr");
               element(tr, "td", {}, p.name);
-              element(tr, "td", {}, `${digits(p.before)} → ${digits(p.after)} ${p.unit}`);
+              element(tr, "td", {}, `${p.before === null ? "new:" : `${digits(p.before)} →`} ${digits(p.after)} ${p.unit}`);
             }
           } catch (error) { say(error.message); }
         };
@@ -256,15 +264,24 @@
       input.onchange = () => upload([...input.files].map(file => ({ path: file.name, file })));
       const folder = element(element(drop, "label", { class: "small" }, "or a folder "), "input", { type: "file", webkitdirectory: "", "aria-label": "folder" });
       folder.onchange = () => upload([...folder.files].map(file => ({ path: file.webkitRelativePath, file })));
+      const uploads = element(box, "p", { id: "uploads", role: "status", hidden: "" });
+      element(uploads, "span"); element(uploads, "progress", { max: "1", value: "0", "aria-label": "share sent" });
+      if (!s.recordings.length) {
+        element(box, "h3", {}, "No files at hand?");
+        const row = element(box, "div", { class: "row" });
+        button(row, "Try an example", { do: "example" });
+        element(row, "span", { class: "grow small" }, "simulates two motions of a robot whose model lacks one effect; hidden.txt in the folder names it");
+        command(box, "deltatwin example -o example");
+      }
       element(box, "h3", {}, "Recordings");
       if (!s.recordings.length) element(box, "p", { class: "small" }, "none yet");
       s.recordings.forEach((r, k) => {
         const row = element(box, "div", { class: "row" });
         element(row, "b", {}, r.file.replace("data/", ""));
-        element(row, "span", { class: "grow small" }, r.held_out ? "judges, the fit does not see it" : "is fitted to");
-        const use = element(row, "button", { type: "button" }, r.held_out ? "fit to it" : "hold out");
+        element(row, "span", { class: "grow small" }, r.held_out ? "held out: the fit does not see it, it judges the model" : "fit: the parameters are fitted to it");
+        const use = element(row, "button", { type: "button" }, r.held_out ? "use to fit" : "hold out");
         use.onclick = () => act({ do: "hold_out", recording: k });
-        const look = element(row, "button", { type: "button", "aria-pressed": k === columns }, "columns");
+        const look = element(row, "button", { type: "button", "aria-pressed": k === columns }, "show columns");
         look.onclick = () => { columns = k; shown = ""; panel(); };
         const out = element(row, "button", { type: "button", "aria-label": `leave out ${r.file}` }, "✕");
         out.onclick = () => act({ do: "leave_out", recording: k });
@@ -276,7 +293,7 @@
       element(row, "span", { class: "grow" });
       const select = element(row, "select", { "aria-label": "model that comes with the program" });
       element(select, "option", { value: "" }, "choose one of the program’s …");
-      for (const name of state.shipped) element(select, "option", { value: name }, name);
+      shipped.then(({ models }) => { for (const name of models) element(select, "option", { value: name }, name); });
       select.disabled = busy();
       select.onchange = () => select.value && act({ do: "shipped", model: select.value });
       if (s.recordings.length) {
@@ -327,7 +344,7 @@
       if (r.good) { const p = element(box, "p"); button(p, "Fit", { do: "fit" }).addEventListener("click", () => go("fit")); }
     },
 
-    fit(box) { const ok = need(box); button(box, "Fit the model", { do: "fit" }, ok); outcome(box, "fit"); if (result("fit")) button(element(box, "p"), "Where does it fail?", { do: "where" }, ok).addEventListener("click", () => go("where")); },
+    fit(box) { const ok = need(box); button(box, "Fit the model", { do: "fit" }, ok); outcome(box, "fit"); if (result("fit")) element(element(box, "p"), "button", { type: "button", class: "go" }, "Where does it fail?").onclick = () => go("where"); },
     where(box) { const ok = need(box); button(box, "Where does the model fail?", { do: "where" }, ok); outcome(box, "where"); if (result("where")) button(element(box, "p"), "Why?", { do: "why" }, ok).addEventListener("click", () => go("why")); },
     why(box) {
       const ok = need(box);
@@ -347,28 +364,43 @@
       const row = element(box, "div", { class: "fields" });
       const select = element(element(row, "label", {}, "effect "), "select");
       const named = r && r.version === current() ? r.named : [];
-      for (const name of [...named, ...state.effects.filter(n => !named.includes(n) && n !== "rigid_bodies")]) element(select, "option", { value: name }, name + (named.includes(name) ? " (named)" : ""));
-      const b = element(row, "button", { type: "button", class: "go" }, "Add it");
-      b.disabled = busy() || !ok;
+      const b = element(row, "button", { type: "button", class: "go" }, "Add the effect");
       b.onclick = () => act({ do: "add", effect: select.value, laws: select.value === "formula" ? laws() : [] });
-      const laws = formula(element(box, "div"), good => { b.disabled = busy() || !ok || (select.value === "formula" && !good); });
-      select.onchange = () => laws.show(select.value === "formula");
-      laws.show(select.value === "formula");
+      const about = element(box, "p", { class: "small", role: "status" });
+      const laws = formula(element(box, "div"), good => { b.disabled = busy() || !ok || !select.value || (select.value === "formula" && !good); });
+      shipped.then(({ effects }) => {
+        const known = new Map(effects.map(e => [e.name, e]));
+        for (const name of [...named, ...effects.map(e => e.name).filter(n => !named.includes(n))]) {
+          element(select, "option", { value: name }, name + (named.includes(name) ? " (named by Why)" : ""));
+        }
+        const choose = () => {
+          chosen = select.value;
+          const e = known.get(chosen);
+          about.textContent = !e ? "" : chosen === "formula" ? `${e.summary}.` : `${e.summary}: ${e.law}. Shows as ${e.shows}.`;
+          laws.show(chosen === "formula");
+        };
+        if (!named.length && known.has(chosen)) select.value = chosen;
+        select.onchange = choose;
+        choose();
+        blame(state.term);
+      });
       outcome(box, "add");
     },
     next(box) {
       const r = result("why");
       if (!r) { element(box, "p", { class: "small" }, "The diagnosis (Why) proposes what to measure next."); return; }
-      if (!r.files.length) element(box, "p", {}, "The diagnosis proposes no motion of its own; see Why.");
+      element(box, "p", {}, r.next ? `Next experiment: ${r.next}` : "The diagnosis proposes no experiment: it leaves no question that a motion of this machine would decide.");
+      if (r.next && !r.files.length) element(box, "p", { class: "small" }, "It has no scenario of its own: it repeats the motion of the recordings, or needs the machine taken apart.");
       for (const file of r.files) {
-        element(box, "p", {}, "The motion that decides what is open, as a scenario:");
+        element(box, "p", {}, "Its motion as a scenario, to be simulated or run on the machine:");
         element(element(box, "p"), "a", { href: `/api/file?name=${encodeURIComponent(file)}&token=${token}`, download: file, class: "file" }, `download ${file}`);
         command(box, `deltatwin simulate ${file} -o next.mcap`);
       }
     },
     save(box) {
       element(box, "p", {}, "One page with everything found so far, that needs no server; and the folder itself is the session.");
-      button(box, "Save the page", { do: "save" }, Object.keys(state.session.stages).length > 0);
+      const late = passed() && result("where") && result("where").version !== current();
+      button(box, "Save the page", { do: late ? "where" : "save" }, Object.keys(state.session.stages).length > 0, late ? [{ do: "save" }] : []);
       if (state.saved) element(element(box, "p"), "a", { href: `/api/file?name=report.html&token=${token}`, target: "_blank", class: "file" }, "saved: open report.html");
       element(box, "h3", {}, "The same on the command line");
       const chain = state.chain.map(k => state.session.versions[k].command).filter(c => c);
@@ -378,24 +410,40 @@
 
   // ---- a law that is typed -------------------------------------------------------------------------------------------
 
+  // What was typed and chosen last, which stays when the panel is drawn again.
+  let typed = [], chosen = "";
+  // Shows at the typed term `k` that its law has no value at some sample.
+  function blame(k) {
+    const row = document.querySelectorAll(".term")[k ?? -1];
+    if (!row) return;
+    row.querySelector("input").setAttribute("aria-invalid", true);
+    row.querySelector(".verdict").textContent = state.message;
+  }
+
   // Fields for the terms of a formula, checked by the server while they are typed; calls `judged` with whether all are good.
   function formula(box, judged) {
     const rows = element(box, "div"), goods = [];
     const told = () => judged(goods.length > 0 && goods.every(g => g.good));
-    const add = () => {
+    const add = before => {
       const row = element(rows, "div", { class: "term" }), k = goods.length + 1;
       const at = element(row, "select", { "aria-label": `place of term ${k}` });
       const law = element(row, "input", { type: "text", spellcheck: "false", autocomplete: "off", placeholder: "-tanh(50*qd1)", "aria-label": `law of term ${k}` });
       const verdict = element(row, "div", { class: "verdict small", role: "status" });
       const own = { at, law, good: false };
       goods.push(own);
+      law.value = before?.law ?? "";
       let asked = 0;
       const check = async () => {
         const turn = ++asked;
         let answer;
         try { answer = await ask(`/api/formula?at=${encodeURIComponent(at.value)}&law=${encodeURIComponent(law.value)}`); } catch (error) { answer = { problem: error.message, from: 0, to: 0, known: { places: [], variables: [] } }; }
         if (turn !== asked) return;
-        if (!at.options.length) { for (const place of answer.known.places) element(at, "option", { value: place }, place); if (law.value || at.value) return check(); }
+        if (!at.options.length) {
+          for (const place of answer.known.places) element(at, "option", { value: place }, place);
+          if (answer.known.places.includes(before?.at)) at.value = before.at;
+          if (law.value || at.value) return check();
+        }
+        typed = goods.map(g => ({ at: g.at.value, law: g.law.value }));
         own.good = answer.unit !== undefined;
         verdict.replaceChildren();
         law.setAttribute("aria-invalid", law.value !== "" && !own.good);
@@ -409,15 +457,16 @@
           verdict.append(` ${answer.problem}`);
         } else verdict.textContent = `of ${answer.known.variables.join(" ")} t, with sin cos tan tanh exp abs sign sqrt min max pi`;
         told();
+        if (state.term === k - 1 && law.value === before?.law) blame(state.term);
       };
       law.oninput = check;
       at.onchange = check;
       check();
     };
     const more = element(element(box, "p"), "button", { type: "button", class: "file" }, "another term");
-    more.onclick = add;
+    more.onclick = () => add();
     const laws = () => goods.filter(g => g.law.value).map(g => `${g.at.value}: ${g.law.value}`);
-    laws.show = on => { box.hidden = !on; if (on && !goods.length) add(); if (on) told(); else judged(true); };
+    laws.show = on => { box.hidden = !on; if (on && !goods.length) (typed.length ? typed : [undefined]).forEach(add); if (on) told(); else judged(true); };
     return laws;
   }
 
@@ -430,7 +479,7 @@
     if (c.warnings.length) { const d = element(box, "details"); element(d, "summary", { class: "small" }, c.warnings.length === 1 ? "1 remark of the reader" : `${c.warnings.length} remarks of the reader`); const ul = element(d, "ul", { class: "small" }); for (const w of c.warnings) element(ul, "li", {}, w); }
     const wide = element(box, "div", { class: "wide" }), table = element(wide, "table", { class: "map" });
     const head = element(element(table, "thead"), "tr");
-    for (const text of c.table ? ["column", "signal", "first", "is", "unit", "turned"] : ["channel", "signal"]) element(head, "th", {}, text);
+    for (const text of c.table ? ["column", "signal", "first", "is", "unit", "flip sign"] : ["channel", "signal"]) element(head, "th", {}, text);
     const body = element(table, "tbody"), rows = [];
     for (const column of c.columns) {
       const tr = element(body, "tr");
@@ -443,7 +492,7 @@
       is.value = column.channel || "";
       const unit = element(element(tr, "td"), "select", { "aria-label": `unit of ${column.name}` });
       for (const name of UNITS) element(unit, "option", { value: name }, name || "as named");
-      const turned = element(element(tr, "td"), "input", { type: "checkbox", "aria-label": `sign of ${column.name} turned` });
+      const turned = element(element(tr, "td"), "input", { type: "checkbox", "aria-label": `flip the sign of ${column.name}` });
       rows.push({ column, is, unit, turned });
     }
     let apply = null;
@@ -465,7 +514,7 @@
         b.onclick = () => act({ do: "read", how: { ...how, maps: how.maps.filter((_, i) => i !== k) } });
       });
     }
-    apply = element(element(box, "p"), "button", { type: "button", class: "go" }, "Read it so");
+    apply = element(element(box, "p"), "button", { type: "button", class: "go" }, "Apply");
     apply.disabled = busy();
     apply.onclick = () => {
       const quote = name => name.includes("'") ? `"${name}"` : `'${name}'`;
@@ -509,16 +558,37 @@
     for (const one of all) (bags.get(folder(one.path)) || single).push(one);
     // Setups belong to recordings that come after them.
     single.sort((a, b) => b.path.endsWith(".toml") - a.path.endsWith(".toml"));
-    const send = async (address, body) => {
-      try { render(await ask(address, { method: "POST", body })); } catch (error) { failed.push(error.message); }
+    const send = async (name, address, body) => {
+      try { render(await sent(name, address, body)); } catch (error) { failed.push(error.message); }
     };
-    for (const { path, file } of single) await send(`/api/file?name=${encodeURIComponent(last(path))}`, file);
+    for (const { path, file } of single) await send(last(path), `/api/file?name=${encodeURIComponent(last(path))}`, file);
     for (const [name, files] of bags) {
       const parts = files.filter(({ path }) => /(\.mcap|\.db3)$/i.test(path) || last(path) === METADATA);
       const sizes = JSON.stringify(parts.map(({ path, file }) => [last(path), file.size]));
-      await send(`/api/bag?name=${encodeURIComponent(last(name))}&parts=${encodeURIComponent(sizes)}`, new Blob(parts.map(({ file }) => file)));
+      await send(last(name), `/api/bag?name=${encodeURIComponent(last(name))}&parts=${encodeURIComponent(sizes)}`, new Blob(parts.map(({ file }) => file)));
     }
     if (failed.length) say(failed.join("\n"));
+  }
+  // Sends a file with its progress; `fetch` does not report it.
+  function sent(name, address, body) {
+    const show = share => {
+      const box = $("uploads");
+      if (!box) return;
+      box.hidden = share === null;
+      box.firstChild.textContent = share < 1 ? `sending ${name}, ${(100 * share).toFixed(0)} % of ${(body.size / 2 ** 20).toPrecision(2)} MB ` : `reading ${name} `;
+      box.lastChild.value = share;
+    };
+    return new Promise((done, failed) => {
+      const request = new XMLHttpRequest();
+      request.open("POST", address);
+      request.setRequestHeader("x-token", token);
+      request.responseType = "json";
+      request.upload.onprogress = event => show(event.total ? event.loaded / event.total : 1);
+      request.onload = () => { show(null); const { response } = request; response && !response.error ? done(response) : failed(new Error(response?.error || request.statusText || "the server has not answered")); };
+      request.onerror = () => { show(null); failed(new Error(`${name}: the server has not answered`)); };
+      show(0);
+      request.send(body);
+    });
   }
   for (const type of ["dragover", "drop"]) addEventListener(type, e => {
     e.preventDefault();

@@ -146,6 +146,7 @@ impl Desk {
             ("GET", "/api/rrd") => viewer::file(self.studio.folder()),
             ("GET", "/api/events") => self.events(),
             ("GET", "/api/state") => result(Ok(view::state(&self.studio))),
+            ("GET", "/api/shipped") => result(Ok(view::shipped())),
             ("GET", "/api/formula") => {
                 result(Ok(view::formula(&self.studio, &parameter(query, "at"), &parameter(query, "law"))))
             }

@@ -1,7 +1,7 @@
 //! Work in the background: one at a time, with stage, share done and time left, and it can be cancelled.
 
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use serde_json::{Value, json};
@@ -12,16 +12,29 @@ pub struct Job {
     pub stage: &'static str,
     begun: Instant,
     cancelled: AtomicBool,
-    progress: Mutex<(f64, String)>,
+    step: Mutex<Step>,
 }
 
-/// Share of the work below which its time left is not estimated.
+/// A step of the work, from the share of the work before it to the share after it.
+struct Step {
+    what: String,
+    span: (f64, f64),
+    begun: Instant,
+    /// Beginning of the first step, which reading the data precedes.
+    first: Instant,
+    /// Expected time of the whole work, s; none is expected before the data are known.
+    whole: Option<f64>,
+}
+
+/// Share of the work from which the time passed determines the expected time.
 const EARLY: f64 = 0.08;
 
 impl Job {
     /// Work on `stage` that begins now.
     pub fn new(stage: &'static str) -> Self {
-        Self { stage, begun: Instant::now(), cancelled: AtomicBool::new(false), progress: Mutex::default() }
+        let begun = Instant::now();
+        let step = Step { what: String::new(), span: (0.0, 0.0), begun, first: begun, whole: None };
+        Self { stage, begun, cancelled: AtomicBool::new(false), step: Mutex::new(step) }
     }
 
     /// Asks the work to end without a result.
@@ -34,11 +47,23 @@ impl Job {
         self.cancelled.load(Ordering::Relaxed)
     }
 
-    /// Reports that the share `fraction` is done and what is done now; the fraction never falls.
-    pub fn at(&self, fraction: f64, what: &str) {
-        if let Ok(mut progress) = self.progress.lock() {
-            *progress = (progress.0.max(fraction), what.to_string());
-        }
+    fn step(&self) -> MutexGuard<'_, Step> {
+        self.step.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The data are read; the work begins, and is expected to take so many seconds.
+    pub fn expect(&self, seconds: f64) {
+        let mut step = self.step();
+        step.first = Instant::now();
+        step.whole = Some(seconds);
+    }
+
+    /// Begins the step `what`, which is done between two shares of the work; the share done never falls.
+    pub fn at(&self, (from, to): (f64, f64), what: &str) {
+        let mut step = self.step();
+        let now = from.max(step.fraction());
+        let whole = if now > EARLY { Some(step.first.elapsed().as_secs_f64() / now) } else { step.whole };
+        *step = Step { what: what.into(), span: (now, to.max(now)), begun: Instant::now(), whole, first: step.first };
     }
 
     /// Time since its beginning, s.
@@ -46,12 +71,22 @@ impl Job {
         self.begun.elapsed().as_secs_f64()
     }
 
-    /// Stage, share, what is done, time passed and left (s).
+    /// Stage, share, step, time passed and left (s).
     pub fn json(&self) -> Value {
-        let (fraction, what) = self.progress.lock().map(|p| p.clone()).unwrap_or_default();
-        let passed = self.seconds();
-        let left = (fraction > EARLY).then(|| passed * (1.0 - fraction) / fraction);
-        json!({"stage": self.stage, "fraction": fraction, "what": what, "passed": passed, "left": left, "cancelled": self.is_cancelled()})
+        let step = self.step();
+        let fraction = step.fraction();
+        let left = step.whole.map(|whole| whole * (1.0 - fraction));
+        json!({"stage": self.stage, "fraction": fraction, "what": step.what, "passed": self.seconds(), "left": left, "cancelled": self.is_cancelled()})
+    }
+}
+
+impl Step {
+    /// Share of the work done, by the time expected for this step; it approaches the end of a step that takes longer.
+    fn fraction(&self) -> f64 {
+        let (from, to) = self.span;
+        let expected = self.whole.unwrap_or(0.0) * (to - from);
+        let passed = if expected > 0.0 { self.begun.elapsed().as_secs_f64() / expected } else { 0.0 };
+        from + (to - from) * passed / 1.0f64.hypot(passed)
     }
 }
 
@@ -60,14 +95,27 @@ mod tests {
     use super::*;
 
     #[test]
-    fn progress_never_falls() {
+    fn progress_moves_within_a_step_and_never_falls() {
         let job = Job::new("fit");
         assert!(job.json()["left"].is_null());
-        job.at(0.5, "a");
-        job.at(0.2, "b");
+        let fraction = || job.json()["fraction"].as_f64().unwrap();
+        job.expect(0.2);
+        job.at((0.0, 0.5), "a");
+        let pause = || std::thread::sleep(std::time::Duration::from_millis(30));
+        let mut last = 0.0;
+        for _ in 0..8 {
+            pause();
+            let now = fraction();
+            assert!(now > last && now <= 0.5, "{now} after {last}");
+            last = now;
+        }
+        let left = job.json()["left"].as_f64().unwrap();
+        assert!(left < 0.12, "{left}");
+        job.at((0.2, 0.3), "b");
         let state = job.json();
-        assert_eq!((state["fraction"].as_f64(), state["what"].as_str()), (Some(0.5), Some("b")));
-        assert!(state["left"].as_f64().is_some());
+        assert!(state["fraction"].as_f64().unwrap() >= last && state["what"] == "b", "{state}");
+        job.at((0.9, 1.0), "c");
+        assert!(fraction() >= 0.9 && fraction() < 1.0);
         job.cancel();
         assert!(job.is_cancelled());
     }

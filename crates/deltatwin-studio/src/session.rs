@@ -164,6 +164,9 @@ pub struct StageResult {
     /// Files to be kept, such as the scenario of the next experiment.
     #[serde(default)]
     pub files: Vec<String>,
+    /// The experiment that the diagnosis proposes.
+    #[serde(default)]
+    pub next: Option<String>,
 }
 
 /// A remedy.

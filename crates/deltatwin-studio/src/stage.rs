@@ -10,13 +10,14 @@ use deltatwin::machine::Configuration;
 use deltatwin::model::{Model, Provenance};
 use deltatwin::text::significant;
 use deltatwin_analysis::gate::{Examined, line as finding_line};
-use deltatwin_analysis::{add as added, compare as compared, diagnose as diagnosed, gate, law, page, run};
+use deltatwin_analysis::law::{self, TermError};
+use deltatwin_analysis::{add as added, compare as compared, diagnose as diagnosed, gate, page, run};
 use deltatwin_io::file::replace_text;
 use deltatwin_io::model;
 use deltatwin_io::scenario::write_experiment;
 use deltatwin_report::Report;
 use deltatwin_report::drawing::residual::Stage as Drawn;
-use miette::{IntoDiagnostic, miette};
+use miette::IntoDiagnostic;
 use serde_json::{Value, json};
 
 use crate::job::Job;
@@ -72,15 +73,16 @@ impl Outcome {
 impl Task {
     /// A command on the model in use and the session's recordings, in the folder of the session.
     fn command(&self, name: &str, first: &[&str], more: &[&str]) -> String {
-        self.command_on(&self.session.versions[self.version].file, name, first, more)
-    }
-
-    /// A command on the model `file` and the session's recordings, in the folder of the session.
-    fn command_on(&self, file: &str, name: &str, first: &[&str], more: &[&str]) -> String {
+        let file = &self.session.versions[self.version].file;
         let mut words: Vec<String> = ["deltatwin", name, file].iter().chain(first).map(|w| w.to_string()).collect();
         words.extend(self.session.inputs(Path::new("")).map(|i| i.words()).unwrap_or_default());
         words.extend(more.iter().map(|w| w.to_string()));
         line(&words)
+    }
+
+    /// Number of samples of all recordings.
+    pub fn samples(&self) -> usize {
+        self.data.datasets.iter().chain(&self.data.held_out).map(Dataset::len).sum()
     }
 
     fn held_out(&self) -> bool {
@@ -134,13 +136,14 @@ impl Task {
             remedies: Vec::new(),
             named: Vec::new(),
             files: Vec::new(),
+            next: None,
         }
     }
 }
 
 /// Whether the recordings belong to the model, with remedies; and the errors of the versions.
 pub(crate) fn check(task: &Task, job: &Job) -> miette::Result<Outcome> {
-    job.at(0.3, "signs, factors, order, zeros");
+    job.at((0.0, 0.7), "signs, factors, order, zeros");
     let examined = Examined::of(&task.model, &task.data);
     let good = examined.refused.is_empty() || task.session.how.no_gate;
     let mut remedies: Vec<Remedy> = Vec::new();
@@ -160,7 +163,7 @@ pub(crate) fn check(task: &Task, job: &Job) -> miette::Result<Outcome> {
     }
     let mut errors = Vec::new();
     if good {
-        job.at(0.6, "errors of the model");
+        job.at((0.7, 1.0), "errors of the model");
         for k in task.session.chain() {
             let version = model::read(&task.folder.join(&task.session.versions[k].file))?;
             errors.push((k, task.errors_of(&version)?));
@@ -197,11 +200,10 @@ fn map_text(remedy: &GateRemedy) -> String {
     }
 }
 
-/// A fit of the model in use, as a new version, and where it fails.
+/// A fit of the model in use, as a new version.
 pub(crate) fn fit(task: &Task, job: &Job) -> miette::Result<Outcome> {
-    job.at(0.1, "fit");
-    let found = run::identify(&task.model, &task.data).into_diagnostic()?;
-    stop(job)?;
+    job.at((0.0, 1.0), "least squares");
+    let found = run::identify_until(&task.model, &task.data, Some(&|| job.is_cancelled())).into_diagnostic()?;
     let (rms, floor) = found.judged();
     let errors = task.errors(rms.to_vec(), floor.to_vec());
     let command = |file: &str| task.command("identify", &[], &["-o", file]);
@@ -219,34 +221,21 @@ pub(crate) fn fit(task: &Task, job: &Job) -> miette::Result<Outcome> {
     // The fit does not depend on what is held out; these errors are the version's.
     json["held_out_rms"] = Value::Null;
     json["held_out_noise_floor"] = Value::Null;
-    job.at(0.6, "where it fails");
-    let next = task.session.versions.len();
-    result.version = next;
-    let located = locate_in(task, &found.fitted.model, next, &version)?;
+    result.version = task.session.versions.len();
     let provenance = task.provenance("identify", &found.fitted.parameters);
     Ok(Outcome {
-        stages: vec![("fit", result, json, report), located],
+        stages: vec![("fit", result, json, report)],
         model: Some((found.fitted.model, provenance, version)),
         errors: Vec::new(),
     })
 }
 
-/// Where the model in use fails.
+/// Where the model in use fails: its residuals next to those of the first version and the one before it.
 pub(crate) fn locate(task: &Task, job: &Job) -> miette::Result<Outcome> {
-    job.at(0.2, "residuals");
-    let located = locate_in(task, &task.model, task.version, &task.session.versions[task.version])?;
-    let errors = vec![(task.version, task.errors_of(&task.model)?)];
-    Ok(Outcome { stages: vec![located], model: None, errors })
-}
-
-type Located = (&'static str, StageResult, Value, Report);
-
-/// Where the model of the version `version`, described by `what`, fails: its residuals next to those of the first version
-/// and the one before it.
-fn locate_in(task: &Task, model: &Model, version: usize, what: &Version) -> miette::Result<Located> {
-    let comparison = compare(model, &task.data.datasets, &task.data.held_out).into_diagnostic()?;
+    job.at((0.0, 0.5), "residuals");
+    let comparison = compare(&task.model, &task.data.datasets, &task.data.held_out).into_diagnostic()?;
     let mut earlier = task.session.chain();
-    earlier.retain(|k| *k != version);
+    earlier.retain(|k| *k != task.version);
     // The delivered model and the latest before this one.
     if earlier.len() > 2 {
         earlier.drain(1..earlier.len() - 1);
@@ -257,7 +246,9 @@ fn locate_in(task: &Task, model: &Model, version: usize, what: &Version) -> miet
         models.push((known.what.clone(), model::read(&task.folder.join(&known.file))?));
     }
     let mut stages: Vec<Drawn> = models.iter().map(|(name, model)| Drawn { name, model }).collect();
-    stages.push(Drawn { name: &what.what, model });
+    let what = &task.session.versions[task.version];
+    stages.push(Drawn { name: &what.what, model: &task.model });
+    job.at((0.5, 1.0), "curves");
     let mut report = Report::new("", "");
     page::findings(&mut report, &comparison, "Where the model fails");
     page::residuals(&mut report, &stages, &task.data, &comparison.noise_floor).into_diagnostic()?;
@@ -267,28 +258,39 @@ fn locate_in(task: &Task, model: &Model, version: usize, what: &Version) -> miet
         }
         None => "The noise is not known.".into(),
     };
-    let command = task.command_on(&what.file, "compare", &[], &["--report", "where.html"]);
-    let mut result = task.result(true, message, command);
-    result.version = version;
-    Ok(("where", result, compared::json(&comparison, &[]), report))
+    let command = task.command("compare", &[], &["--report", "where.html"]);
+    let result = task.result(true, message, command);
+    let errors = vec![(task.version, task.errors_of(&task.model)?)];
+    let located = ("where", result, compared::json(&comparison, &[]), report);
+    Ok(Outcome { stages: vec![located], model: None, errors })
 }
 
-/// Computing time per sample of a diagnosis on a busy machine, and its lower bound, s.
-const SECONDS: (f64, f64) = (1.2e-3, 120.0);
+/// Most computing time per sample of a diagnosis on a busy machine, and its lower bound, s.
+const LIMIT: (f64, f64) = (1.2e-3, 120.0);
+
+/// Expected time of a stage per sample of all recordings, s: on two cores, with 100 000 samples.
+pub(crate) fn seconds_per_sample(stage: &str) -> f64 {
+    match stage {
+        "check" => 5e-6,
+        "fit" => 1e-5,
+        "where" => 1.5e-5,
+        "why" => 2.3e-4,
+        _ => 6e-5,
+    }
+}
 
 /// Which effect is missing, and the next experiment.
 pub(crate) fn diagnose(task: &Task, job: &Job) -> miette::Result<Outcome> {
-    let samples: usize = task.data.datasets.iter().chain(&task.data.held_out).map(Dataset::len).sum();
-    let limit = (SECONDS.0 * samples as f64).max(SECONDS.1);
+    let limit = (LIMIT.0 * task.samples() as f64).max(LIMIT.1);
     let clock = || if job.is_cancelled() { f64::INFINITY } else { job.seconds() / limit };
     let options = Options { clock: &clock, ..Options::default() };
-    let mut fraction = 0.05;
+    let mut done = 0.0;
     let d = diagnose_with(&task.model, &task.data.datasets, &task.data.held_out, &options, &mut |what| {
-        fraction = run::ahead(fraction, what);
-        job.at(fraction, what);
+        let span = run::ahead(done, what);
+        done = span.1;
+        job.at(span, what);
     })
     .into_diagnostic()?;
-    stop(job)?;
     let mut files = Vec::new();
     let next_file = format!("{}.toml", task.session.basis.key("next"));
     let mut report = Report::new("", "");
@@ -309,22 +311,26 @@ pub(crate) fn diagnose(task: &Task, job: &Job) -> miette::Result<Outcome> {
     let mut result = task.result(true, deltatwin_analysis::sentence::verdict(&d), task.command("diagnose", &[], more));
     result.named = d.effects.iter().map(|e| e.name.clone()).collect();
     result.files = files;
+    result.next = d.next_experiment.as_ref().map(|n| format!("{}.", n.what.trim_end_matches('.')));
     let scenario = result.files.first().map(Path::new);
     let json = diagnosed::json(&d, None, scenario);
     Ok(Outcome { stages: vec![("why", result, json, report)], model: None, errors: Vec::new() })
 }
 
-/// The effect added to the model in use, as a new version, and where that fails; a formula has the terms `laws`.
+/// The effect added to the model in use, as a new version; a formula has the terms `laws`.
 pub(crate) fn add(task: &Task, job: &Job, effect: &str, laws: &[String]) -> miette::Result<Outcome> {
-    job.at(0.1, effect);
+    job.at((0.0, 1.0), effect);
     let typed = match laws {
         [] => Vec::new(),
         terms => vec![law::formula(task.model.mechanism, terms).into_diagnostic()?],
     };
-    let options = Options { candidates: &typed, ..Options::default() };
-    let a = diagnosis::add_with(&task.model, effect, &task.data.datasets, &task.data.held_out, &options)
-        .into_diagnostic()?;
-    stop(job)?;
+    let clock = || if job.is_cancelled() { f64::INFINITY } else { 0.0 };
+    let options = Options { clock: &clock, candidates: &typed, ..Options::default() };
+    let a = diagnosis::add_with(&task.model, effect, &task.data.datasets, &task.data.held_out, &options);
+    let a = a.map_err(|error| match TermError::of(&error, laws) {
+        Some(fault) => miette::Report::new(fault),
+        None => miette::Report::from_err(error),
+    })?;
     let errors = task.errors(a.budget.rms_after().to_vec(), a.budget.noise_floor.clone());
     let terms: Vec<&str> = laws.iter().flat_map(|term| ["--law", term]).collect();
     let command = |file: &str| task.command("add", &[effect], &[&terms[..], &["-o", file]].concat());
@@ -342,20 +348,13 @@ pub(crate) fn add(task: &Task, job: &Job, effect: &str, laws: &[String]) -> miet
         true => format!("With {effect} the worst channel stays at {after} times the noise."),
         false => format!("With {effect} the worst channel goes from {before} to {after} times the noise."),
     };
-    let next = task.session.versions.len();
     let mut result = task.result(true, message, version.command.clone());
-    result.version = next;
+    result.version = task.session.versions.len();
     let json = added::json(&a, Some(Path::new(&version.file)));
-    job.at(0.7, "where it fails");
-    let located = locate_in(task, &a.fit.model, next, &version)?;
     let provenance = task.provenance("add", &a.fit.parameters);
     Ok(Outcome {
-        stages: vec![("add", result, json, report), located],
+        stages: vec![("add", result, json, report)],
         model: Some((a.fit.model, provenance, version)),
         errors: Vec::new(),
     })
-}
-
-fn stop(job: &Job) -> miette::Result<()> {
-    if job.is_cancelled() { Err(miette!("{} was cancelled", job.stage)) } else { Ok(()) }
 }

@@ -7,9 +7,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use deltatwin::machine::Mechanism;
 use deltatwin::model::Model;
 use deltatwin_analysis::Data;
+use deltatwin_analysis::law::TermError;
 use deltatwin_analysis::page::quoted;
 use deltatwin_io::model;
 use deltatwin_io::model::shipped::SHIPPED;
+use deltatwin_validation::demo::{EXAMPLE, hide, write_example};
 use miette::{IntoDiagnostic, miette};
 use serde_json::Value;
 
@@ -34,6 +36,8 @@ pub(crate) struct Inner {
     pub revision: u64,
     /// What went wrong last; empty if nothing did.
     pub message: String,
+    /// The typed term that it is about, from 0.
+    pub term: Option<usize>,
     /// What the viewer shows, once something was asked for.
     pub shown: Option<Shown>,
     data: Option<Loaded>,
@@ -84,7 +88,8 @@ impl Studio {
         let claim = Claim::take(&folder)?;
         let session = Session::read(&folder)?;
         upload::clean(&folder);
-        let inner = Inner { session, job: None, revision: 1, message: String::new(), shown: None, data: None };
+        let inner =
+            Inner { session, job: None, revision: 1, message: String::new(), term: None, shown: None, data: None };
         Ok(Self { folder, claim, inner: Mutex::new(inner) })
     }
 
@@ -161,8 +166,11 @@ impl Studio {
         let index = |key: &str| request[key].as_u64().map(|k| k as usize);
         match text("do") {
             "cancel" => {
-                if let Some(job) = &self.lock().job {
+                let mut inner = self.lock();
+                if let Some(job) = inner.job.take() {
                     job.cancel();
+                    inner.message = format!("{} was cancelled", job.stage);
+                    inner.revision += 1;
                 }
                 Ok(())
             }
@@ -176,12 +184,13 @@ impl Studio {
                 s.leave_out(index("recording"))?;
                 s.changed(&self.folder)
             }),
-            "shipped" => {
-                let file = text("model");
-                let found = SHIPPED.iter().find(|(name, _)| file.strip_suffix(".toml") == Some(*name));
-                let (_, content) = found.ok_or_else(|| miette!("`{file}` is not the file of a shipped model"))?;
-                let kept = upload::keep(&self.idle()?.folder, file, &mut content.as_bytes())?;
-                self.add(kept, "shipped").map(drop)
+            "shipped" => self.idle()?.ship(text("model").trim_end_matches(".toml")),
+            "example" => {
+                let studio = self.idle()?;
+                if !studio.lock().session.recordings.is_empty() {
+                    return Err(miette!("the session has recordings; an example is for an empty one"));
+                }
+                studio.begin("example", |studio, job| studio.example(job))
             }
             "read" => {
                 let how: How = serde_json::from_value(request["how"].clone()).into_diagnostic()?;
@@ -237,7 +246,7 @@ impl Studio {
     }
 
     /// Itself if nothing is being worked on.
-    fn idle(&self) -> miette::Result<&Self> {
+    fn idle(self: &Arc<Self>) -> miette::Result<&Arc<Self>> {
         match &self.lock().job {
             Some(job) => Err(miette!("wait for `{}` to end, or cancel it", job.stage)),
             None => Ok(self),
@@ -250,11 +259,53 @@ impl Studio {
         if passed { Ok(self) } else { Err(miette!("the recordings are not checked, or do not belong to the model")) }
     }
 
+    /// Simulates the two recordings of `deltatwin example`, and takes them with their model.
+    fn example(&self, job: &Job) -> miette::Result<()> {
+        let (seed, name) = EXAMPLE;
+        let model = model::read(Path::new(name))?;
+        job.expect(SECONDS_OF_EXAMPLE);
+        job.at((0.0, 1.0), "two motions of a robot");
+        let campaign = hide(&model, seed, None).into_diagnostic()?.prepared.record(&model, &|_, _| ());
+        let trial = upload::Trial::new(&self.folder)?;
+        let [first, second, hidden] = write_example(&campaign.into_diagnostic()?, &trial.folder)?;
+        if job.is_cancelled() {
+            return Ok(());
+        }
+        for file in [first, second] {
+            let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            self.take(&name, &mut std::fs::File::open(&file).into_diagnostic()?)?;
+        }
+        std::fs::rename(hidden, self.folder.join("hidden.txt")).into_diagnostic()?;
+        self.ship(name)
+    }
+
+    /// Begins with the shipped model `name`.
+    fn ship(&self, name: &str) -> miette::Result<()> {
+        let found = SHIPPED.iter().find(|(known, _)| name == *known);
+        let (_, content) = found.ok_or_else(|| miette!("`{name}` is not a shipped model"))?;
+        let kept = upload::keep(&self.folder, &format!("{name}.toml"), &mut content.as_bytes())?;
+        self.add(kept, "shipped").map(drop)
+    }
+
     /// Starts a stage in the background; its outcome is kept if nothing it depends on has changed.
     fn start(
         self: &Arc<Self>,
         stage: &'static str,
         work: impl FnOnce(&Task, &Job) -> miette::Result<Outcome> + Send + 'static,
+    ) -> miette::Result<()> {
+        self.begin(stage, move |studio, job| {
+            let task = studio.task(job)?;
+            job.expect(stage::seconds_per_sample(stage) * task.samples() as f64);
+            let outcome = work(&task, job)?;
+            studio.keep(job, &outcome, task.session.generation)
+        })
+    }
+
+    /// Starts work in the background.
+    fn begin(
+        self: &Arc<Self>,
+        stage: &'static str,
+        work: impl FnOnce(&Self, &Job) -> miette::Result<()> + Send + 'static,
     ) -> miette::Result<()> {
         let job = Arc::new(Job::new(stage));
         {
@@ -264,41 +315,44 @@ impl Studio {
             }
             inner.job = Some(job.clone());
             inner.message.clear();
+            inner.term = None;
             inner.revision += 1;
         }
         let studio = self.clone();
         std::thread::spawn(move || {
-            let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
-                let task = studio.task(&job)?;
-                let generation = task.session.generation;
-                work(&task, &job).map(|outcome| (outcome, generation))
-            }));
-            let outcome = outcome.unwrap_or_else(|_| Err(miette!("the stage `{stage}` failed unexpectedly")));
-            studio.end(&job, outcome);
+            let done = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| work(&studio, &job)));
+            studio.end(&job, done.unwrap_or_else(|_| Err(miette!("the stage `{stage}` failed unexpectedly"))));
         });
         Ok(())
     }
 
-    /// Keeps the outcome of a stage, or tells why there is none.
-    fn end(&self, job: &Job, outcome: miette::Result<(Outcome, u64)>) {
-        let kept = outcome.and_then(|(outcome, generation)| {
-            if job.is_cancelled() {
-                return Err(miette!("{} was cancelled", job.stage));
-            }
-            if self.lock().session.generation != generation {
-                return Err(miette!("the data have changed while {} was running", job.stage));
-            }
-            let basis = self.lock().session.basis.clone();
-            outcome.write(&self.folder, &basis)?;
-            self.change(|session| {
-                outcome.apply(session);
-                Ok(())
-            })
-        });
+    /// Keeps the outcome of a stage that was not cancelled.
+    fn keep(&self, job: &Job, outcome: &Outcome, generation: u64) -> miette::Result<()> {
+        if job.is_cancelled() {
+            return Ok(());
+        }
+        if self.lock().session.generation != generation {
+            return Err(miette!("the data have changed while {} was running", job.stage));
+        }
+        let basis = self.lock().session.basis.clone();
+        outcome.write(&self.folder, &basis)?;
+        self.change(|session| {
+            outcome.apply(session);
+            Ok(())
+        })
+    }
+
+    /// Ends the work that goes on, with a message if it failed.
+    fn end(&self, job: &Job, done: miette::Result<()>) {
         let mut inner = self.lock();
+        // A cancellation that came meanwhile has made room for another stage.
+        if job.is_cancelled() {
+            return;
+        }
         inner.job = None;
         inner.revision += 1;
-        if let Err(error) = kept {
+        if let Err(error) = done {
+            inner.term = error.downcast_ref::<TermError>().map(|fault| fault.term);
             let text = error.chain().map(ToString::to_string).collect::<Vec<_>>().join(": ");
             inner.message = text.replace(&format!("{}/", self.folder.display()), "");
         }
@@ -318,7 +372,7 @@ impl Studio {
         let data = match loaded {
             Some(data) => data,
             None => {
-                job.at(0.01, "reading");
+                job.at((0.0, 0.0), "reading");
                 let data = Arc::new(Data::read(&session.inputs(&self.folder)?, &model)?);
                 let loaded = Loaded { generation: session.generation, machine, data: data.clone() };
                 self.lock().data = Some(loaded);
@@ -328,6 +382,9 @@ impl Studio {
         Ok(Task { session, folder: self.folder.clone(), model, version, data })
     }
 }
+
+/// Expected time of simulating the example on two cores, s.
+const SECONDS_OF_EXAMPLE: f64 = 8.0;
 
 /// A command line from its words.
 pub(crate) fn line(words: &[String]) -> String {

@@ -57,13 +57,35 @@ pub fn keep(folder: &Path, name: &str, source: &mut dyn Read) -> miette::Result<
     let is_setup = safe.to_ascii_lowercase().ends_with(".setup.toml");
     let place = if is_toml && !is_setup { "models" } else { "data" };
     // It is judged under its own ending, in a folder of its own that goes away with it.
-    let trial = folder.join(format!("{INCOMING}{}", unique()?));
-    private(&trial).into_diagnostic()?;
-    let trial_file = trial.join(&safe);
-    let kept = receive(&trial_file, &safe, source).and_then(|()| judge(&trial_file, &safe));
-    let result = kept.and_then(|found| place_of(folder, place, &safe, &trial_file).map(found));
-    let _ = std::fs::remove_dir_all(&trial);
-    result
+    let trial = Trial::new(folder)?;
+    let trial_file = trial.folder.join(&safe);
+    receive(&trial_file, &safe, source)?;
+    let found = judge(&trial_file, &safe)?;
+    place_of(folder, place, &safe, &trial_file).map(found)
+}
+
+/// A folder in a session in which files are judged, and which goes away with this value.
+pub struct Trial {
+    /// The folder.
+    pub folder: PathBuf,
+}
+
+impl Trial {
+    /// A new one in the folder of a session.
+    ///
+    /// # Errors
+    /// If it cannot be created.
+    pub fn new(session: &Path) -> miette::Result<Self> {
+        let folder = session.join(format!("{INCOMING}{}", unique()?));
+        private(&folder).into_diagnostic()?;
+        Ok(Self { folder })
+    }
+}
+
+impl Drop for Trial {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
 }
 
 /// Keeps the files of a ROS 2 bag in a folder called `name`: their names and sizes in the order in which `source` holds
@@ -84,15 +106,13 @@ pub fn keep_bag(folder: &Path, name: &str, parts: &[(String, u64)], source: &mut
             MOST_BYTES >> 20
         ));
     }
-    let trial = folder.join(format!("{INCOMING}{}", unique()?));
-    let bag = trial.join(&safe);
+    let trial = Trial::new(folder)?;
+    let bag = trial.folder.join(&safe);
     private(&bag).into_diagnostic()?;
-    let received = parts.iter().try_for_each(|(part, size)| receive(&bag.join(part), part, &mut source.take(*size)));
+    parts.iter().try_for_each(|(part, size)| receive(&bag.join(part), part, &mut source.take(*size)))?;
     let renamed = |e: recording::ReadError| miette!("{}", e.to_string().replace(&bag.display().to_string(), &safe));
-    let judged = received.and_then(|()| recording::read(&bag, None).map(drop).map_err(renamed));
-    let result = judged.and_then(|()| place_of(folder, "data", &safe, &bag)).map(Kept::Recording);
-    let _ = std::fs::remove_dir_all(&trial);
-    result
+    recording::read(&bag, None).map_err(renamed)?;
+    place_of(folder, "data", &safe, &bag).map(Kept::Recording)
 }
 
 /// Removes what uploads left that a killed server did not end.

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use deltatwin::dynamics::Plant;
-use deltatwin::effects::REGISTRY;
 use deltatwin::effects::formula::{Place, Variable};
+use deltatwin::effects::{REGISTRY, rigid_bodies};
 use deltatwin::machine::Setup;
 use deltatwin::model::Model;
 use deltatwin::recording::Channel;
@@ -33,16 +33,24 @@ pub(crate) fn state(studio: &Studio) -> Value {
     json!({
         "revision": inner.revision,
         "message": inner.message,
+        "term": inner.term,
         "job": inner.job.as_ref().map(|job| job.json()),
         "session": session,
         "chain": inner.session.chain(),
-        "shipped": SHIPPED.iter().map(|(name, _)| format!("{name}.toml")).collect::<Vec<_>>(),
-        "effects": REGISTRY.iter().map(|e| e.name()).collect::<Vec<_>>(),
         "folder": studio.folder().display().to_string(),
         "viewer": cfg!(feature = "viewer"),
         "shown": inner.shown,
         "saved": studio.folder().join(REPORT).is_file(),
     })
+}
+
+/// What comes with the program: models, and effects with what they are.
+pub(crate) fn shipped() -> Value {
+    let effects = REGISTRY.iter().filter(|e| e.name() != rigid_bodies::NAME).map(|e| {
+        let about = &e.spec().about;
+        json!({"name": e.name(), "summary": about.summary, "law": about.law, "shows": about.shows})
+    });
+    json!({"models": SHIPPED.map(|(name, _)| name), "effects": effects.collect::<Vec<_>>()})
 }
 
 /// Name of the page that is kept.
@@ -182,7 +190,9 @@ pub(crate) fn save(folder: &Path, session: &Session) -> miette::Result<()> {
     }
     let titles = [("check", "Check"), ("fit", "Fit"), ("where", "Where"), ("why", "Why"), ("add", "Add")];
     for (stage, title) in titles {
-        let Some(result) = session.stages.get(stage) else { continue };
+        // The residuals of another version say nothing of the one in use.
+        let known = session.stages.get(stage).filter(|r| stage != "where" || r.version == current);
+        let Some(result) = known else { continue };
         page.heading(title);
         page.callout(if result.good { Callout::Note } else { Callout::Bad }, &result.message);
         let part = session.part(folder, stage).and_then(|file| std::fs::read_to_string(file).ok());

@@ -17,6 +17,7 @@ use deltatwin::effects::formula::NAME;
 use deltatwin::identification::Estimate;
 use deltatwin::model::Model;
 use deltatwin::text::significant;
+use deltatwin_analysis::law::TermError;
 use deltatwin_analysis::{law, page};
 use deltatwin_io::model;
 
@@ -68,7 +69,10 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let addition = add_with(&model, &args.effect, &data.datasets, &data.held_out, &options);
     progress.finish_and_clear();
     let names: Vec<&str> = data.datasets.iter().map(|t| t.name.as_str()).collect();
-    let addition = addition.into_diagnostic().wrap_err_with(|| format!("recording {}", names.join(", ")))?;
+    let addition = addition.map_err(|error| match TermError::of(&error, &args.law) {
+        Some(fault) => miette::Report::new(fault).wrap_err("--law"),
+        None => miette::Report::from_err(error).wrap_err(format!("recording {}", names.join(", "))),
+    })?;
     warn(&much_is_left(data.channels(), addition.budget.rms_after(), &addition.budget.noise_floor));
     let parameters = parameters_of(&addition.fit, &addition.effect);
     if args.json {

@@ -22,6 +22,7 @@ use deltatwin::identification::Dataset;
 use deltatwin::machine::Configuration;
 use deltatwin::model::Model;
 use deltatwin_analysis::page;
+use deltatwin_analysis::run::ahead;
 use deltatwin_io::model;
 use deltatwin_io::scenario::write_experiment;
 use deltatwin_report::drawing;
@@ -94,11 +95,15 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let samples: usize = data.datasets.iter().chain(&data.held_out).map(Dataset::len).sum();
     let allowance = Allowance::new(begun, args.time_limit, samples);
     catch_interrupt()?;
-    let clock = || allowance.passed();
+    // Ctrl-C ends the search as the time limit does: with an answer, if that comes soon.
+    let clock = || allowance.passed().min(f64::MAX);
     let options = Options { fixed: &args.hold, clock: &clock, ..Options::default() };
     let mut stages = Stages::new("noise");
+    let mut done = 0.0;
     let answer = diagnose_with(&model, &data.datasets, &data.held_out, &options, &mut |what| {
-        progress.set_message(format!("diagnose: {what}"));
+        let (from, to) = ahead(done, what);
+        done = to;
+        progress.set_message(format!("{:>3.0} % diagnose: {what}", 100.0 * from));
         stages.next(what);
     });
     let stages = stages.end();

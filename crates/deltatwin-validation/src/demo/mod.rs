@@ -1,5 +1,8 @@
 //! Demonstration of the complete workflow: hide an effect in a robot, measure it, and diagnose it.
 
+use std::path::{Path, PathBuf};
+
+use miette::{IntoDiagnostic, WrapErr};
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -14,6 +17,8 @@ use deltatwin::model::Model;
 use deltatwin::text::significant;
 use deltatwin_analysis::run::RunError;
 use deltatwin_analysis::{Analysis, Data, Settings, Step, run};
+use deltatwin_io::file::replace_text;
+use deltatwin_io::recording;
 
 /// Duration of each recording, s.
 pub const DURATION: f64 = 20.0;
@@ -65,6 +70,25 @@ pub fn hide(model: &Model, seed: u64, effect: Option<&str>) -> Result<Robot, Dem
         left_out.push((effect.name(), if visible { "takes minutes to find" } else { "not seen in these motions" }));
     }
     Ok(Robot { prepared: prepared(None)?, left_out })
+}
+
+/// Seed of the example to begin with, and the model that belongs to it.
+pub const EXAMPLE: (u64, &str) = (5, "irb360-6-1600");
+
+/// Writes the recordings of a campaign to an existing folder: one to fit to, one to hold out, and a text that names what is
+/// hidden.
+///
+/// # Errors
+/// If a file cannot be written.
+pub fn write_example(campaign: &Campaign, folder: &Path) -> miette::Result<[PathBuf; 3]> {
+    let files = ["first.csv", "second.csv", "hidden.txt"].map(|name| folder.join(name));
+    for (recorded, file) in [&campaign.measurement, &campaign.validation].into_iter().zip(&files) {
+        recording::write(recorded, file)?;
+    }
+    replace_text(&files[2], &format!("{}\n", describe(campaign)))
+        .into_diagnostic()
+        .wrap_err_with(|| format!("cannot write {}", files[2].display()))?;
+    Ok(files)
 }
 
 /// Name of the effect hidden in a campaign, or `none`.
