@@ -84,7 +84,7 @@ impl Changed {
 }
 
 /// Changes of the machine of `model` from the recordings `healthy` to the recordings `later`, validated on `held_out`
-/// where given.
+/// where given. Of `options` the clock counts: when the time is up, no fit goes on.
 ///
 /// # Errors
 /// As [`super::diagnose`].
@@ -93,13 +93,13 @@ pub fn changed(
     healthy: &[Dataset],
     later: &[Dataset],
     held_out: &[Dataset],
+    options: &Options,
 ) -> Result<Changed, DiagnosisError> {
     check(healthy, later)?;
     check(later, held_out)?;
-    let options = Options::default();
-    let fit = Fitting::new(model, healthy, &options).fit(model)?;
+    let fit = Fitting::new(model, healthy, options).fit(model)?;
     let all: Vec<Dataset> = healthy.iter().chain(later).cloned().collect();
-    let both = Fitting::new(model, &all, &options);
+    let both = Fitting::new(model, &all, options);
     let mounted = in_configuration(model, &later[0].setup);
     let absent = problem::absent(&mounted, &fit, &all, &[]);
     let problem = both.change(&fit.model, healthy.len(), &absent)?;

@@ -2,7 +2,7 @@
 
 use crate::common;
 
-use std::io::Write;
+use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -176,6 +176,57 @@ fn wear_is_named_through_a_broker_that_is_killed() {
     offline.args(["watch", MODEL, "--follow", &tape, "--json"]).args(options);
     let offline = verdict(&offline.output().unwrap());
     assert_eq!(essence(&offline), essence(&live));
+}
+
+/// The healthy machine and then the worn one, as a file to follow.
+fn in_turn(folder: &TempDir) -> String {
+    let file = path(folder, "both.csv");
+    let mut out = std::fs::File::create(&file).unwrap();
+    writeln!(out, "t,q1,q2,q3,q4,tau1,tau2,tau3,tau4").unwrap();
+    for (recording, begin) in recordings(folder).iter().zip([0.0, 20.0]) {
+        let signals = deltatwin_io::recording::read(Path::new(recording), None).unwrap().0.signals;
+        for (k, t) in signals.t.iter().enumerate() {
+            let values = [signals.q().at(k), signals.tau().at(k)].concat();
+            let values: Vec<String> = values.iter().map(ToString::to_string).collect();
+            writeln!(out, "{},{}", begin + t, values.join(",")).unwrap();
+        }
+    }
+    file
+}
+
+/// The end of the samples gives the verdict at once; the cause follows, and Ctrl-C does not wait for it.
+#[test]
+fn the_verdict_does_not_wait_for_the_cause() {
+    common::at_root();
+    let folder = tempfile::tempdir().unwrap();
+    let file = in_turn(&folder);
+    for is_interrupted in [false, true] {
+        let mut watch = program();
+        watch.args(["watch", MODEL, "--follow", &file, "--idle", "0.5", "--learn", "19", "--last", "20"]);
+        let mut watch = watch.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut lines = BufReader::new(watch.stdout.take().unwrap()).lines().map(Result::unwrap);
+        assert!(lines.any(|line| line.contains("ALARM")));
+        let alarm = Instant::now();
+        assert!(lines.any(|line| line.starts_with("changed after")));
+        assert!(alarm.elapsed() < Duration::from_secs(5), "{:?}", alarm.elapsed());
+        let verdict = Instant::now();
+        if is_interrupted {
+            assert!(Command::new("kill").args(["-INT", &watch.id().to_string()]).status().unwrap().success());
+        }
+        let rest: Vec<String> = lines.collect();
+        let out = watch.wait_with_output().unwrap();
+        assert_eq!(
+            rest.iter().any(|line| line.contains("ball_socket_coulomb has changed")),
+            !is_interrupted,
+            "{rest:?}"
+        );
+        assert_eq!(out.status.code(), Some(if is_interrupted { 130 } else { 1 }));
+        let awaited = String::from_utf8_lossy(&out.stderr).into_owned();
+        match is_interrupted {
+            true => assert!(verdict.elapsed() < Duration::from_secs(2), "{:?}", verdict.elapsed()),
+            false => assert!(awaited.contains("determining the cause from 20 s of samples; Ctrl-C"), "{awaited}"),
+        }
+    }
 }
 
 /// A watch that is killed leaves a recording of all but the last second.

@@ -17,7 +17,9 @@ use self::state::State;
 use self::tape::Tape;
 use crate::broker::{Access, Given};
 use crate::data::positive;
-use crate::terminal::{BAD_ANSWER, DONE, INTERRUPTED, catch_interrupt, check_output, interrupted, say, warn};
+use crate::terminal::{
+    BAD_ANSWER, DONE, INTERRUPTED, catch_interrupt, check_output, complain, interrupted, say, spinner, warn,
+};
 use deltatwin::machine::Setup;
 use deltatwin::model::Model;
 use deltatwin::monitoring::{Monitor, Observation, Sample, Settings};
@@ -240,19 +242,27 @@ impl<'a> Watch<'a> {
         }
     }
 
-    /// The final verdict.
+    /// The verdict at once, then the cause from all samples unless Ctrl-C was pressed.
     fn end(mut self, source: &Source) -> miette::Result<u8> {
         let rest = self.inbox.rest();
         self.follow(&rest, source)?;
         if let Some(tape) = self.tape.take() {
             tape.finish()?;
         }
-        self.investigations.wait();
+        self.state.complete(self.inbox.counts(), self.impossible, source)?;
         let alarm = self.monitor.alarm();
-        if let Some(alarm) = alarm {
-            self.state.found(self.investigation(alarm.onset).answer(), source)?;
+        if let Some(alarm) = alarm.filter(|_| !interrupted()) {
+            let question = self.investigation(alarm.onset);
+            let [from, to] = question.data();
+            let length = format!("{:.0} s of samples", to - from);
+            complain(format!("determining the cause from {length}; Ctrl-C ends with the cause so far"));
+            self.investigations.start(question);
+            let progress = spinner("cause");
+            let found = self.investigations.wait(interrupted);
+            progress.finish_and_clear();
+            found.map_or(Ok(()), |found| self.state.found(found, source))?;
         }
-        self.state.end(self.inbox.counts(), self.impossible, source)?;
+        self.state.end()?;
         Ok(if alarm.is_some() { BAD_ANSWER } else { DONE })
     }
 }

@@ -1,11 +1,14 @@
-//! The cause of a change, looked for beside the watch.
+//! The cause of a change, searched in parallel with the watch.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
+use std::time::Duration;
 
 use serde_json::{Value, json};
 
 use deltatwin::diagnosis::change::{Cause, Changed, changed};
-use deltatwin::diagnosis::{Verdict, diagnose};
+use deltatwin::diagnosis::{Options, Verdict, diagnose_with};
 use deltatwin::identification::Dataset;
 use deltatwin::machine::Setup;
 use deltatwin::model::Model;
@@ -13,8 +16,12 @@ use deltatwin::monitoring::{Alarm, Sample, recording_of};
 
 /// Time since the onset after which the cause is looked for first, s.
 const FIRST: f64 = 20.0;
+/// Time over which the torques are averaged, s: an answer in a fifth of the time, with all that a machine's motion excites.
+const STEP: f64 = 2e-3;
 /// Share of the samples that is held out: the later part.
 const HELD_OUT: f64 = 1.0 / 3.0;
+/// Pause between two looks for an answer.
+const PAUSE: Duration = Duration::from_millis(20);
 /// Share of the error above the noise that the changes must explain.
 const ENOUGH: f64 = 0.5;
 
@@ -38,15 +45,25 @@ pub struct Finding {
 }
 
 impl Investigation {
+    /// Start and end of the later samples, s.
+    pub fn data(&self) -> [f64; 2] {
+        [self.later.first(), self.later.last()].map(|sample| sample.map_or(0.0, |sample| sample.t))
+    }
+
     /// The changes since the healthy samples, validated on the last third of the later ones. If these explain less than
-    /// half of the error, an ordinary diagnosis of the later samples follows.
-    pub fn answer(&self) -> Finding {
-        let data = [self.later.first(), self.later.last()].map(|s| s.map_or(0.0, |s| s.t));
+    /// half of the error, an ordinary diagnosis of the later samples follows. It is cut short once it `is_superseded`.
+    fn answer(&self, is_superseded: &AtomicBool) -> Finding {
+        let clock = || if is_superseded.load(Ordering::Relaxed) { f64::INFINITY } else { 0.0 };
+        let options = Options { clock: &clock, ..Options::default() };
+        // A stated noise is that of single samples.
+        let setup = Setup { torque_noise: None, ..self.setup };
+        let data = self.data();
         let end = self.later.len() - (HELD_OUT * self.later.len() as f64) as usize;
         let dataset = |samples: &[Sample]| {
-            let mut dataset = Dataset::new(&recording_of(samples, self.model.mechanism, &self.setup));
-            dataset.name = "stream".into();
-            dataset
+            let dataset = Dataset::new(&recording_of(samples, self.model.mechanism, &setup));
+            let mut means = dataset.averaged(dataset.stride(STEP));
+            means.name = "stream".into();
+            means
         };
         let [healthy, fitted, held_out] = [&self.healthy, &self.later[..end], &self.later[end..]].map(dataset);
         if [&healthy, &fitted, &held_out].iter().any(|d| d.is_empty()) {
@@ -54,12 +71,12 @@ impl Investigation {
             return Finding { data, changed: Err(short), missing: None };
         }
         let (fitted, held_out) = ([fitted], [held_out]);
-        let changed = changed(&self.model, &[healthy], &fitted, &held_out).map_err(|e| e.to_string());
+        let changed = changed(&self.model, &[healthy], &fitted, &held_out, &options).map_err(|e| e.to_string());
         let is_enough = changed.as_ref().is_ok_and(|c| !c.causes.is_empty() && c.explained() >= ENOUGH);
         let missing = if is_enough {
             None
         } else {
-            let answer = diagnose(&self.model, &fitted, &held_out, &mut |_| {});
+            let answer = diagnose_with(&self.model, &fitted, &held_out, &options, &mut |_| {});
             answer.ok().map(|a| (a.verdict, a.effects.into_iter().map(|e| e.name).collect()))
         };
         Finding { data, changed, missing }
@@ -70,6 +87,8 @@ impl Investigation {
 #[derive(Default)]
 pub struct Investigations {
     running: Option<JoinHandle<Finding>>,
+    /// Whether the running one is superseded.
+    superseded: Arc<AtomicBool>,
     /// Time since the onset at which the next one is due, s.
     due: Option<f64>,
 }
@@ -85,9 +104,12 @@ impl Investigations {
         true
     }
 
-    /// Starts an investigation.
+    /// Starts an investigation, in the place of one that still runs.
     pub fn start(&mut self, question: Investigation) {
-        let work = move || question.answer();
+        self.superseded.store(true, Ordering::Relaxed);
+        let superseded = Arc::<AtomicBool>::default();
+        self.superseded = superseded.clone();
+        let work = move || question.answer(&superseded);
         self.running = std::thread::Builder::new().name("cause".into()).spawn(work).ok();
     }
 
@@ -97,11 +119,12 @@ impl Investigations {
         done.join().ok()
     }
 
-    /// Waits for a running investigation; its answer is superseded.
-    pub fn wait(&mut self) {
-        if let Some(running) = self.running.take() {
-            running.join().ok();
+    /// The answer to come, unless it is `cancelled` before.
+    pub fn wait(&mut self, cancelled: impl Fn() -> bool) -> Option<Finding> {
+        while self.running.as_ref().is_some_and(|running| !running.is_finished()) && !cancelled() {
+            std::thread::sleep(PAUSE);
         }
+        self.finished()
     }
 }
 

@@ -27,6 +27,8 @@ pub struct State<'a> {
     windows: u64,
     highest: f64,
     weakest: Option<(usize, f64)>,
+    /// Counts of the samples, once the last one has come.
+    samples: Value,
     #[cfg(feature = "viewer")]
     viewer: Option<deltatwin_rerun::watch::Broadcast>,
 }
@@ -46,6 +48,7 @@ impl<'a> State<'a> {
             windows: 0,
             highest: 0.0,
             weakest: None,
+            samples: Value::Null,
             #[cfg(feature = "viewer")]
             viewer: args.viewer.viewer().and_then(|viewer| {
                 let opened = deltatwin_rerun::watch::Broadcast::open(&viewer, model, setup);
@@ -154,7 +157,7 @@ impl<'a> State<'a> {
         let clock = |t: f64| self.origin + t;
         let alarm =
             |a: Alarm| json!({ "t": clock(a.t), "onset": clock(a.onset), "statistic": a.statistic.to_string() });
-        json!({
+        let mut verdict = json!({
             "state": state,
             "t": clock(self.t),
             "alarm": self.alarm.map(alarm),
@@ -162,25 +165,29 @@ impl<'a> State<'a> {
             "highest_level": self.highest,
             "false_alarms_per_hour": self.args.false_alarms,
             "weakest_socket": self.weakest.map(|(s, margin)| json!({ "socket": socket_name(s), "margin": margin })),
-        })
+        });
+        if !self.samples.is_null() {
+            verdict["samples"] = self.samples.clone();
+            verdict["windows"] = json!(self.windows);
+            verdict["recording"] = self.args.output.as_deref().map_or(Value::Null, crate::terminal::path);
+        }
+        verdict
     }
 
     fn publish(&self, source: &Source) -> miette::Result<()> {
         source.publish("verdict", &self.verdict())
     }
 
-    /// Tells the final verdict.
-    pub fn end(&self, counts: Counts, impossible: u64, source: &Source) -> miette::Result<()> {
-        let mut verdict = self.verdict();
-        verdict["samples"] = json!({
+    /// Shows the verdict after the last sample, with the cause so far.
+    pub fn complete(&mut self, counts: Counts, impossible: u64, source: &Source) -> miette::Result<()> {
+        self.samples = json!({
             "taken": counts.taken, "doubled": counts.doubled, "missing": counts.missing, "astray": counts.astray,
             "clock_restarts": counts.restarts, "unusable_messages": source.faults(), "impossible_windows": impossible,
         });
-        verdict["windows"] = json!(self.windows);
-        verdict["recording"] = self.args.output.as_deref().map_or(Value::Null, crate::terminal::path);
+        let verdict = self.verdict();
         source.publish("verdict", &verdict)?;
         if self.args.json {
-            return say(verdict);
+            return Ok(());
         }
         let state = verdict["state"].as_str().unwrap_or_default();
         say(format!(
@@ -197,6 +204,14 @@ impl<'a> State<'a> {
         }
         if state == "learning" {
             say("  Not enough to learn from: shorten --learn, or give a recording with --healthy")?;
+        }
+        Ok(())
+    }
+
+    /// Prints the verdict as JSON, or the name of the recording.
+    pub fn end(&self) -> miette::Result<()> {
+        if self.args.json {
+            return say(self.verdict());
         }
         if let Some(output) = &self.args.output {
             say(format!("  Wrote {}", output.display()))?;
