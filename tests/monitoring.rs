@@ -83,7 +83,7 @@ fn wear_that_grows_is_alarmed_and_named() {
     let last = later[later.len() - 1].t;
     let [fitted, held_out] = [[last - RUN, last - 0.5 * RUN], [last - 0.5 * RUN, last]]
         .map(|[from, to]| dataset(&later.iter().copied().filter(|s| s.t > from && s.t <= to).collect::<Vec<_>>()));
-    let found = changed(&model, &[dataset(&healthy)], &[fitted], &[held_out]).unwrap();
+    let found = changed(&model, &[dataset(&healthy)], &[fitted], &[held_out], &Default::default()).unwrap();
     let Changed { causes, rms_before, rms_after, noise_floor, .. } = &found;
     println!("{causes:?}\n{rms_before:.4?} {rms_after:.4?} {noise_floor:.4?} {:.3}", found.explained());
     let named: Vec<&str> = causes.iter().map(|c| c.name.as_str()).collect();
