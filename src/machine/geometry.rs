@@ -232,6 +232,21 @@ impl Geometry {
         Self::new(&[0, 1, 2].map(|i| Limb { limits, ..Limb::at(third(i)) }), Plate::Rigid)
     }
 
+    /// Whether the limbs are those of [`Self::delta`], except for the lengths of the struts.
+    pub fn is_regular(&self) -> bool {
+        let first = &self.limbs[0];
+        let radius = first.point.dot(&first.radial());
+        let alike = |(i, limb): (usize, &Limb)| {
+            let at = Limb::at(third(i));
+            let point = at.radial() * radius;
+            *limb == Limb { azimuth: at.azimuth, radial: at.radial, point, strut_length: limb.strut_length, ..*first }
+        };
+        self.has_platform_of_three()
+            && first.base_offset == 0.0
+            && first.base_height == 0.0
+            && self.limbs.iter().enumerate().all(alike)
+    }
+
     /// Whether three driven limbs carry one platform.
     #[inline]
     pub fn has_platform_of_three(&self) -> bool {

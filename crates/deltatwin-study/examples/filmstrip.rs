@@ -76,11 +76,11 @@ fn picture(case: &Case, outcome: &Outcome, frame: &Frame) -> String {
         cuboid(&mut out, size, pose, "#c9ced6");
     }
     let tip = |body: usize, x: f64, y: f64, z: f64| frame.bodies[body] * Point3::new(x, y, z);
-    let length = case.model.geometry.strut_length;
+    let limbs = case.model.geometry.limbs;
     for s in 0..STRUTS {
         let loose = [s, STRUTS + s].iter().any(|&socket| !frame.closed.contains(socket));
         let (color, width) = if loose { ("#d4351c", 2.6) } else { ("#3d6ea5", 1.8) };
-        line(&mut out, [tip(STRUT + s, 0.0, 0.0, 0.0), tip(STRUT + s, length[s / 2], 0.0, 0.0)], color, width);
+        line(&mut out, [tip(STRUT + s, 0.0, 0.0, 0.0), tip(STRUT + s, limbs[s / 2].strut_length, 0.0, 0.0)], color, width);
     }
     if geometry.has_telescope() {
         line(&mut out, [tip(TELESCOPE_UPPER, 0.0, 0.0, 0.0), tip(TELESCOPE_LOWER, 0.0, 0.0, 0.0)], "#8a8f98", 2.2);

@@ -47,7 +47,12 @@ pub(super) fn read(top: &Table) -> Checked<Geometry> {
         return Err(top.refuse("limbs", &why));
     }
     check_coupling(top, &limbs)?;
-    Ok(Geometry::new(&limbs, plate))
+    let geometry = Geometry::new(&limbs, plate);
+    if geometry.is_regular() {
+        let why = "three equal limbs at thirds of a turn; expected `mechanism = \"delta\"`, which describes them in [geometry]";
+        return Err(top.refuse("mechanism", why));
+    }
+    Ok(geometry)
 }
 
 fn read_limb(table: &Table, plate: &Plate) -> Checked<Limb> {

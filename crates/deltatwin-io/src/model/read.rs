@@ -64,18 +64,23 @@ pub fn parse(text: &str, path: &Path) -> Result<Model> {
 fn read_model(top: &Table) -> Checked<Model> {
     let name = top.string("name", "the machine's name, a string")?.to_string();
     let (mechanism, mut geometry) = read_mechanism(top)?;
+    let regular = geometry.is_regular();
     let delta = matches!(mechanism, Mechanism::Delta { .. });
     let assembled = if delta { top.boolean("assembled")? } else { false };
     let mut numbers = schema::Top { gravity: 0.0, sample_time: 0.0 };
     top.fill(schema::top(mechanism), &mut numbers, true, mechanism)?;
 
     let table = top.table("geometry")?;
-    table.only(&keys(schema::geometry(mechanism)))?;
-    table.fill(schema::geometry(mechanism), &mut geometry, assembled, schema::of_links(mechanism))?;
+    table.only(&keys(schema::geometry(mechanism, regular)))?;
+    table.fill(schema::geometry(mechanism, regular), &mut geometry, assembled, schema::of_links(mechanism))?;
     if !mechanism.has_telescope() {
         geometry.telescope_limits = NO_TELESCOPE;
     }
-    check_geometry(&table, &geometry, mechanism, assembled)?;
+    match regular {
+        true => check_geometry(&table, &geometry, mechanism, assembled)?,
+        false if assembled => limbs::check(&table, &geometry)?,
+        false => {}
+    }
 
     let bodies = read_bodies(&top.table("bodies")?, mechanism, assembled)?;
     let drives = read_drives(&top.table("drives")?, mechanism)?;
@@ -241,9 +246,6 @@ fn check_geometry(table: &Table, g: &Geometry, mechanism: Mechanism, assembled: 
         Actuator::Revolute => ("angle", "arm angle 0 rad"),
         Actuator::Prismatic { .. } => ("position", "carriages at 0 m"),
     };
-    if !mechanism.is_delta() {
-        return if assembled { limbs::check(table, g) } else { Ok(()) };
-    }
     if low >= high {
         return Err(table.refuse("arm_limits", &format!("expected the smallest {what} first, then the largest")));
     }

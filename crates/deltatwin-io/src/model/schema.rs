@@ -337,10 +337,10 @@ const TURN: f64 = std::f64::consts::TAU;
 /// Keys of `[geometry]` of a robot whose limbs are described one by one.
 const OF_PLATE: &[Field<Geometry>] = &[MOUNTING_HEIGHT, FLANGE_HEIGHT];
 
-/// Keys of `[geometry]`.
-pub(super) fn geometry(machine: Mechanism) -> &'static [Field<Geometry>] {
+/// Keys of `[geometry]`; `regular` limbs are described there, others in `[[limbs]]`.
+pub(super) fn geometry(machine: Mechanism, regular: bool) -> &'static [Field<Geometry>] {
     match machine {
-        Mechanism::Delta { .. } if !machine.is_delta() => OF_PLATE,
+        Mechanism::Delta { .. } if !regular => OF_PLATE,
         Mechanism::Delta { arms: Joint::Prismatic, .. } => GUIDES,
         Mechanism::Delta { telescope: true, .. } => GEOMETRY,
         Mechanism::Delta { telescope: false, .. } => GEOMETRY.split_at(GEOMETRY.len() - OF_TELESCOPE).0,

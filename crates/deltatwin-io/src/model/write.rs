@@ -100,7 +100,7 @@ fn edit(document: &mut DocumentMut, model: &Model, provenance: Option<&Provenanc
     let root = document.as_table_mut();
     set_plain(root, "name", Value::from(model.name.as_str()));
     match model.mechanism {
-        Mechanism::Delta { .. } if !model.mechanism.is_delta() => {
+        Mechanism::Delta { .. } if !model.geometry.is_regular() => {
             set_plain(root, "mechanism", Value::from("parallel"));
             set_plain(root, "assembled", Value::from(model.assembled));
             limbs::write(root, &model.geometry);
@@ -209,7 +209,7 @@ fn verify(text: &str, model: &Model) -> Result<()> {
     if wanted.len() != got.len()
         || again.assembled != model.assembled
         || again.mechanism != model.mechanism
-        || (!model.mechanism.is_delta() && again.geometry != model.geometry)
+        || (!model.geometry.is_regular() && again.geometry != model.geometry)
         || again.name != model.name
         || again.history != model.history
         || again.meshes.files != model.meshes.files
@@ -247,9 +247,10 @@ struct Line {
 fn sections(model: &Model, own: &[usize]) -> Vec<Section> {
     let (mechanism, assembled) = (model.mechanism, model.assembled);
     let top = Top { gravity: model.gravity, sample_time: model.sample_time };
+    let keys = schema::geometry(mechanism, model.geometry.is_regular());
     let mut all = vec![
         section(&[], schema::top(mechanism), &top, true, mechanism),
-        section(&["geometry"], schema::geometry(mechanism), &model.geometry, assembled, schema::of_links(mechanism)),
+        section(&["geometry"], keys, &model.geometry, assembled, schema::of_links(mechanism)),
     ];
     all.extend(body_sections(model, own));
     for (name, range) in schema::drive_groups(mechanism) {
