@@ -6,6 +6,7 @@
 
 mod alone;
 mod arrangement;
+mod followed;
 mod instants;
 mod line;
 mod load;
@@ -18,6 +19,7 @@ use std::fmt;
 
 pub use alone::{carries_weight_alone, folded, inspect};
 pub use arrangement::Arrangement;
+pub use followed::{Followed, followed};
 pub use line::Line;
 pub use positions::positions;
 

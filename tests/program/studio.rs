@@ -340,11 +340,16 @@ fn the_loop_goes_on_after_a_kill() {
     let state = studio.done(json!({"do": "check"}));
     let check = &state["session"]["stages"]["check"];
     assert_eq!(check["good"], false, "{check}");
+    // The table shows the turned axis, and what was not looked at for its sake.
+    let table = || studio.ask("GET", "/api/stage?name=check", &[("x-token", &studio.token)], b"").1;
+    let shown = table();
+    assert!(shown.contains("✗</i> torque sign") && shown.contains("–</i> not checked"), "{shown}");
     let remedy = check["remedies"].as_array().unwrap().iter().find(|r| r["kind"] == "map").unwrap()["text"].clone();
     assert_eq!(studio.own("POST", "/api/do", json!({"do": "fit"}).to_string().as_bytes()).0, 400);
     studio.act(json!({"do": "read", "how": {"maps": ["tau1=-tau1", remedy]}}));
     let state = studio.done(json!({"do": "check"}));
     assert_eq!(state["session"]["stages"]["check"]["good"], true, "{state}");
+    assert!(table().contains("✓</i> ok") && !table().contains("✗</i>"));
     // The command of *Where* names the model that the page shows.
     let shows_its_model = |state: &Value| {
         let shown = &state["session"]["stages"]["where"];

@@ -4,10 +4,12 @@ use serde_json::{Value, json};
 use thiserror::Error;
 
 use crate::data::Data;
-use deltatwin::gate::{Finding, Remedy, combined, examine};
+use deltatwin::gate::{Finding, Followed, Problem, Remedy, combined, examine, followed};
+use deltatwin::identification::Dataset;
 use deltatwin::model::Model;
 use deltatwin::recording::Channel;
 use deltatwin::text::significant;
+use deltatwin_report::component::checks::{self, Outcome};
 
 /// Ratio of residual to noise above which a fit is no answer.
 const MUCH: f64 = 10.0;
@@ -91,6 +93,71 @@ pub fn line(f: &Finding) -> String {
         text += &format!(" ({})", numbers.join(", "));
     }
     text
+}
+
+/// What is checked of every axis.
+pub const CHECKS: [&str; 6] = ["sign", "factor", "order", "zero", "lag", "payload"];
+/// The checks that follow only where no finding makes a fit meaningless, and those of a robot.
+const LATER: [usize; 2] = [4, 5];
+const OF_ROBOTS: [usize; 2] = [2, 5];
+
+/// The check that a problem belongs to, as index of [`CHECKS`]; `None` if it decides none of them.
+fn check_of(problem: Problem) -> Option<usize> {
+    match problem {
+        Problem::TorqueSign | Problem::AxisSign | Problem::PositionSign => Some(0),
+        Problem::Factor | Problem::MotorSide | Problem::Degrees => Some(1),
+        Problem::Order | Problem::Repeated => Some(2),
+        Problem::Zero | Problem::Offset => Some(3),
+        Problem::Lag | Problem::LowPass => Some(4),
+        Problem::Payload | Problem::GravityRemoved => Some(5),
+        Problem::AnotherMachine
+        | Problem::Unrelated
+        | Problem::Noiseless
+        | Problem::Quantised
+        | Problem::Alias
+        | Problem::WeightAlone
+        | Problem::Standstill => None,
+    }
+}
+
+/// The outcome of every check of every axis of a recording, from the `findings` about it.
+pub fn checks(model: &Model, dataset: &Dataset, findings: &[Finding]) -> Vec<checks::Axis> {
+    let machine = dataset.mechanism;
+    let severe = findings.iter().any(|f| f.severe);
+    let lost = findings.iter().any(|f| f.severe && check_of(f.problem).is_none());
+    let axis = |followed: Followed| {
+        let concerned = |f: &&Finding| f.axis.is_none_or(|axis| axis == followed.axis);
+        let cell = |check: usize| {
+            let own = findings.iter().filter(concerned).filter(|f| check_of(f.problem) == Some(check));
+            match own.max_by_key(|f| f.severe) {
+                Some(f) if f.severe => (Outcome::Failed, words(f)),
+                Some(f) => (Outcome::Remark, words(f)),
+                None if machine.axes() == 1 && OF_ROBOTS.contains(&check) => (Outcome::Open, "one axis".into()),
+                None if lost || severe && LATER.contains(&check) => (Outcome::Open, "not checked".into()),
+                None => (Outcome::Passed, "ok".into()),
+            }
+        };
+        let channel = Channel::Torque(followed.axis);
+        checks::Axis {
+            title: channel.title(machine),
+            unit: channel.unit(machine).to_string(),
+            slope: followed.line.map(|l| (l.slope, l.slope_std)),
+            cells: (0..CHECKS.len()).map(cell).collect(),
+            points: followed.predicted.into_iter().zip(followed.measured).map(|(x, y)| [x, y]).collect(),
+        }
+    };
+    followed(model, dataset).into_iter().map(axis).collect()
+}
+
+/// A finding in a few words, with its size.
+fn words(f: &Finding) -> String {
+    let size = f.evidence.value.map(|(value, _)| match f.problem {
+        Problem::Lag => format!(" {} ms", significant(1e3 * value, 3)),
+        Problem::LowPass => format!(" {} Hz", significant(value, 3)),
+        Problem::Payload => format!(" {} kg", significant(value, 3)),
+        _ => format!(" {}", significant(value, 3)),
+    });
+    f.problem.to_string().replace('_', " ") + &size.unwrap_or_default()
 }
 
 /// Findings as JSON.

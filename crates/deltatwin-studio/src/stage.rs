@@ -16,6 +16,7 @@ use deltatwin_io::file::replace_text;
 use deltatwin_io::model;
 use deltatwin_io::scenario::write_experiment;
 use deltatwin_report::Report;
+use deltatwin_report::component::checks;
 use deltatwin_report::drawing::residual::Stage as Drawn;
 use miette::IntoDiagnostic;
 use serde_json::{Value, json};
@@ -147,9 +148,12 @@ pub(crate) fn check(task: &Task, job: &Job) -> miette::Result<Outcome> {
     let examined = Examined::of(&task.model, &task.data);
     let good = examined.refused.is_empty() || task.session.how.no_gate;
     let mut remedies: Vec<Remedy> = Vec::new();
+    let mut report = Report::new("", "");
     for dataset in task.data.datasets.iter().chain(&task.data.held_out) {
         let own: Vec<_> = examined.findings.iter().filter(|f| f.recording == dataset.name).cloned().collect();
         let all = combined(&own);
+        report.heading(&dataset.name);
+        checks::add(&mut report, &gate::CHECKS, &gate::checks(&task.model, dataset, &own));
         for finding in &own {
             let sentence = format!("{}: {}", finding.recording, finding_line(finding));
             let (kind, text) = match &finding.remedy {
@@ -182,8 +186,8 @@ pub(crate) fn check(task: &Task, job: &Job) -> miette::Result<Outcome> {
     let mut words = [vec!["deltatwin".to_string(), "check".into()], files].concat();
     words.extend(["--model".to_string(), model_file.clone()]);
     task.session.how.maps.iter().for_each(|map| words.extend(["--map".to_string(), map.clone()]));
-    let mut report = Report::new("", "");
     if !task.data.warnings.is_empty() {
+        report.heading("Remarks of the reader");
         let short = |w: &String| w.replace(&format!("{}/", task.folder.display()), "");
         report.list(&task.data.warnings.iter().map(short).collect::<Vec<_>>());
     }

@@ -1,6 +1,7 @@
 //! Parts of pages about a model and its recordings, the same on every page.
 
 pub mod candidates;
+pub mod checks;
 pub mod errors;
 pub mod origin;
 pub mod parameters;
