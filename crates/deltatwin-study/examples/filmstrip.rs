@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use deltatwin::cell::Shape;
 use deltatwin::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use deltatwin::machine::{ARMS, Geometry, STRUTS};
+use deltatwin::machine::{ARMS, STRUTS};
 use deltatwin::twin::Frame;
 use deltatwin_io::outside::Access;
 use deltatwin_io::{model, scenario};
@@ -80,7 +80,12 @@ fn picture(case: &Case, outcome: &Outcome, frame: &Frame) -> String {
     for s in 0..STRUTS {
         let loose = [s, STRUTS + s].iter().any(|&socket| !frame.closed.contains(socket));
         let (color, width) = if loose { ("#d4351c", 2.6) } else { ("#3d6ea5", 1.8) };
-        line(&mut out, [tip(STRUT + s, 0.0, 0.0, 0.0), tip(STRUT + s, limbs[s / 2].strut_length, 0.0, 0.0)], color, width);
+        line(
+            &mut out,
+            [tip(STRUT + s, 0.0, 0.0, 0.0), tip(STRUT + s, limbs[s / 2].strut_length, 0.0, 0.0)],
+            color,
+            width,
+        );
     }
     if geometry.has_telescope() {
         line(&mut out, [tip(TELESCOPE_UPPER, 0.0, 0.0, 0.0), tip(TELESCOPE_LOWER, 0.0, 0.0, 0.0)], "#8a8f98", 2.2);
