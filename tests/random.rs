@@ -190,6 +190,7 @@ fn a_thousand_random_runs_end_cleanly() {
                     SimulationError::Body { .. } => "error: body".into(),
                     SimulationError::Missing { .. }
                     | SimulationError::NoStrut { .. }
+                    | SimulationError::NotThreeLimbs { .. }
                     | SimulationError::Load { .. } => "error: missing".into(),
                     SimulationError::Trajectory { .. } => "error: trajectory".into(),
                     SimulationError::Singular { .. } => {

@@ -89,7 +89,7 @@ fn accelerations(
         if rest.amax() <= EXACT * size {
             break;
         }
-        let step = solve.solve(&rest).ok_or(KinematicsError::Singular { q: [state.q[0], state.q[1], state.q[2]] })?;
+        let step = solve.solve(&rest).ok_or_else(|| KinematicsError::Singular { q: state.q.into() })?;
         (0..dof).for_each(|i| now.qdd[i] += step[i]);
     }
     Ok(DVector::from_fn(dof, |i, _| now.qdd[i]))
@@ -225,6 +225,10 @@ impl Model {
         let plant = self.plant(setup.as_deref());
         if !plant.assembled {
             return Err(errors::model_error(py, "the machine has no struts: expected an assembled robot"));
+        }
+        if !plant.is_closed_delta() {
+            let why = "the multipliers are known of three limbs and one platform; expected such a robot, or `inverse_dynamics`";
+            return Err(errors::model_error(py, why));
         }
         let detail = if reduced { Detail::Reduced } else { Detail::Complete };
         let states = States::of(q, qd, qdd, self.dof())?;

@@ -1,8 +1,8 @@
 //! Kinematics: positions, Jacobians, and the motion of all bodies.
 
 use deltatwin::dynamics::Plant;
-use deltatwin::kinematics::{self, KinematicsError, PlatformState};
-use deltatwin::machine::bodies::{SLOTS, body_name};
+use deltatwin::kinematics::{self, JointState, KinematicsError, PlatformState};
+use deltatwin::machine::bodies::{BODIES, SLOTS, body_name};
 use nalgebra::Vector3;
 use numpy::PyArrayDyn;
 use pyo3::exceptions::PyValueError;
@@ -30,6 +30,8 @@ fn needs_platform(py: Python, plant: &Plant) -> PyResult<()> {
 #[pyclass(frozen, module = "deltatwin")]
 pub struct Motion {
     all: Vec<kinematics::Motion>,
+    /// Indices of the bodies.
+    bodies: Vec<usize>,
 }
 
 impl Motion {
@@ -38,8 +40,11 @@ impl Motion {
         py: Python<'py>,
         of: impl Fn(&kinematics::BodyMotion) -> Vector3<f64>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        let values = self.all.iter().flat_map(|m| m.bodies.iter().flat_map(|b| <[f64; 3]>::from(of(b)))).collect();
-        arrays::array(py, values, &[self.all.len(), SLOTS, 3])
+        let of = |m: &kinematics::Motion| {
+            self.bodies.iter().flat_map(|&b| <[f64; 3]>::from(of(&m.bodies[b]))).collect::<Vec<_>>()
+        };
+        let values = self.all.iter().flat_map(of).collect();
+        arrays::array(py, values, &[self.all.len(), self.bodies.len(), 3])
     }
 }
 
@@ -48,7 +53,7 @@ impl Motion {
     /// Names of the bodies, in the order of the second axis of the arrays.
     #[getter]
     fn bodies(&self) -> Vec<String> {
-        (0..SLOTS).map(body_name).collect()
+        self.bodies.iter().map(|&b| body_name(b)).collect()
     }
 
     /// Origins of the body frames, ``(n, bodies, 3)``, m, inertial frame.
@@ -84,12 +89,12 @@ impl Motion {
     /// Rotation matrices body to inertial frame, ``(n, bodies, 3, 3)``.
     #[getter]
     fn rotation<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        let rows = |b: &kinematics::BodyMotion| {
-            let r = b.rotation;
-            (0..9).map(move |k| r[(k / 3, k % 3)])
+        let rows = |m: &kinematics::Motion| {
+            let of = |&b: &usize| (0..9).map(move |k| m.bodies[b].rotation[(k / 3, k % 3)]).collect::<Vec<_>>();
+            self.bodies.iter().flat_map(of).collect::<Vec<_>>()
         };
-        let values = self.all.iter().flat_map(|m| m.bodies.iter().flat_map(rows)).collect();
-        arrays::array(py, values, &[self.all.len(), SLOTS, 3, 3])
+        let values = self.all.iter().flat_map(rows).collect();
+        arrays::array(py, values, &[self.all.len(), self.bodies.len(), 3, 3])
     }
 
     fn __len__(&self) -> usize {
@@ -97,7 +102,7 @@ impl Motion {
     }
 
     fn __repr__(&self) -> String {
-        format!("Motion(instants={}, bodies={SLOTS})", self.all.len())
+        format!("Motion(instants={}, bodies={})", self.all.len(), self.bodies.len())
     }
 }
 
@@ -180,18 +185,21 @@ impl Model {
         let all = py.detach(|| {
             let mut out = Vec::with_capacity(3 * dof * rows_of(values, dof));
             for (k, q) in values.chunks_exact(dof).enumerate() {
-                let position = plant.geometry.forward(q).map_err(|e| impossible(e, k))?;
-                let jacobian = plant.geometry.jacobian(q, &position).map_err(|e| impossible(e, k))?;
-                // Axis 4 does not move the platform.
-                let row = |i: usize| (0..dof).map(move |j| if j < 3 { jacobian[(i, j)] } else { 0.0 });
-                out.extend((0..3).flat_map(row));
+                let columns = (0..dof).map(|j| {
+                    let mut joints = JointState::default();
+                    joints.q[..dof].copy_from_slice(q);
+                    joints.qd[j] = 1.0;
+                    Ok(plant.geometry.forward_motion(&joints).map_err(|e| impossible(e, k))?.velocity)
+                });
+                let columns = columns.collect::<PyResult<Vec<_>>>()?;
+                out.extend((0..3).flat_map(|i| columns.iter().map(move |c| c[i])));
             }
             Ok::<_, PyErr>(out)
         })?;
         rows.shaped(py, all, &[3, dof])
     }
 
-    /// Pose, velocity and acceleration of all 14 bodies, for ``q``, ``qd``, ``qdd`` ``(n, dof)`` in rad, rad/s, rad/s².
+    /// Pose, velocity and acceleration of all bodies, 14 of a delta robot, for ``q``, ``qd``, ``qdd`` ``(n, dof)`` in rad, rad/s, rad/s².
     ///
     /// Counterpart: ``data.oMi``, ``data.v``, ``data.a`` of pinocchio; ``data.xpos``, ``data.cvel`` of MuJoCo.
     #[pyo3(signature = (q, qd = None, qdd = None, *, setup = None))]
@@ -207,7 +215,10 @@ impl Model {
         let states = States::of(q, qd, qdd, self.dof())?;
         let view = states.view()?;
         let one = |k: usize| plant.motion(&view.at(k)).map_err(|e| impossible(e, k));
-        Ok(Motion { all: py.detach(|| (0..view.len).map(one).collect::<PyResult<_>>())? })
+        let machine = plant.mechanism;
+        let all = machine.is_delta() || machine.limbs() == 1;
+        let bodies = (0..SLOTS).filter(|&b| if all { b < BODIES } else { machine.has_body(b) }).collect();
+        Ok(Motion { all: py.detach(|| (0..view.len).map(one).collect::<PyResult<_>>())?, bodies })
     }
 }
 

@@ -5,7 +5,6 @@ use std::sync::OnceLock;
 use std::time::Instant;
 
 use deltatwin::dynamics::Plant;
-use deltatwin::machine::Mechanism;
 use deltatwin::planner::trajectory::trajectory;
 use deltatwin::planner::{self, Limits, Machine, Options, PlanError};
 use deltatwin_io::outside::Access;

@@ -267,6 +267,12 @@ pub enum SimulationError {
         /// Number of struts of the machine.
         struts: usize,
     },
+    /// The run requires what is known of three limbs and one platform only.
+    #[error("{what}: known of robots with three limbs and one platform only")]
+    NotThreeLimbs {
+        /// The options that require it.
+        what: &'static str,
+    },
     /// The run requires parts that the machine does not have.
     #[error("{what} need struts and platform, which this machine does not have")]
     Missing {

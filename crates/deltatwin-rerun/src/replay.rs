@@ -15,7 +15,7 @@ use deltatwin::identification::{Dataset, Residuals, predict};
 use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::kinematics::{JointState, KinematicsError};
 use deltatwin::machine::bodies::SLOTS;
-use deltatwin::machine::{AXES, Part, Unit};
+use deltatwin::machine::{AXES, Unit};
 use deltatwin::model::Model;
 use deltatwin::recording::{Contact, Contacts, Recording};
 use deltatwin::twin::Clamps;
@@ -241,7 +241,7 @@ fn used(
     dataset: &Dataset,
     frames: &[usize],
 ) -> Result<Option<Vec<[f64; SOCKETS]>>, KinematicsError> {
-    if !plant.has(Part::Linkage) {
+    if !plant.is_closed_delta() {
         return Ok(None);
     }
     let clamps = Clamps::watched(&model.sockets);

@@ -50,9 +50,12 @@ impl Stage {
         let Self { plant, options, .. } = self;
         let times = frames.iter().map(|f| f.t).collect();
         let mut scene = Scene::new(plant.mechanism, &plant.geometry, times, frames.iter().map(|f| f.bodies).collect());
-        scene.loose = Some(frames.iter().map(loose).collect());
-        scene.used =
-            options.clamps.as_ref().map(|clamps| frames.iter().map(|f| clamps.used(&f.socket_margin)).collect());
+        // What sockets hold is known of three limbs.
+        if plant.is_closed_delta() || !plant.assembled {
+            scene.loose = Some(frames.iter().map(loose).collect());
+            scene.used =
+                options.clamps.as_ref().map(|clamps| frames.iter().map(|f| clamps.used(&f.socket_margin)).collect());
+        }
         scene.payload = options.payload_shape.clone().map(|p| (p.shape, p.centre));
         let thing = |(i, object)| Thing { object, poses: frames.iter().map(|f| f.objects[i]).collect() };
         scene.things = options.objects.iter().enumerate().map(thing).collect();
@@ -79,7 +82,7 @@ impl Stage {
         }
         let times: Vec<f64> = frames.iter().map(|f| f.t).collect();
         let mut series = Vec::new();
-        for s in 0..STRUTS {
+        for s in 0..self.plant.mechanism.struts() {
             let known = [Channel::StrutUpper(s), Channel::StrutLower(s)].map(|end| signals.get(end).is_some());
             match known {
                 [true, true] => {}
@@ -94,7 +97,7 @@ impl Stage {
                 }
             }
         }
-        if signals.get(Channel::SocketMargin(0)).is_none() {
+        if self.plant.is_closed_delta() && signals.get(Channel::SocketMargin(0)).is_none() {
             let margins: Vec<_> = frames.iter().map(|f| f.socket_margin).collect();
             series.push(socket_margins(&times, &margins));
         }

@@ -110,7 +110,10 @@ fn possible_in_drives(options: &Options, assembled: bool) -> Result<(), Simulati
         ("bodies in absolute coordinates", options.formulation == crate::scenario::Formulation::Absolute && assembled),
     ] {
         if asked {
-            return Err(SimulationError::Missing { what });
+            return Err(match assembled {
+                true => SimulationError::NotThreeLimbs { what },
+                false => SimulationError::Missing { what },
+            });
         }
     }
     Ok(())
