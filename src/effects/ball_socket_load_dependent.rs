@@ -47,9 +47,10 @@ impl Effect for BallSocketLoadDependent {
     fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let (radius, epsilon) = (values.one(RADIUS), values.one(REGULARISATION));
         for socket in at.closed.iter() {
-            let struts = at.motion.struts();
-            let strut = socket % struts;
-            let force = if socket < struts { at.reactions.upper[strut] } else { at.reactions.lower[strut] };
+            let force = match socket.checked_sub(at.motion.struts()) {
+                None => at.reactions.upper[socket],
+                Some(strut) => at.reactions.lower[strut],
+            };
             let rate = at.motion.socket_rate(socket);
             let direction = unit_direction(&rate, epsilon);
             out.socket_moment(values.index(FRICTION, 0), socket, &rate, direction * (-radius * force.abs()));

@@ -75,6 +75,22 @@ impl Geometry {
         3 + usize::from(self.plate.turns()) + usize::from(self.driven() < self.limbs.len())
     }
 
+    /// Determinant of the closure at a pose (m, rad) over the one at ψ = 0 at the same place: 0 where the drives lose the plate.
+    /// It is 1 where the plate has no coordinate of its own.
+    ///
+    /// # Errors
+    /// [`KinematicsError::OutOfReach`] as in [`Self::inverse`].
+    pub fn determinacy(&self, position: &Vector3<f64>, psi: f64) -> Result<f64, KinematicsError> {
+        if !self.plate.turns() {
+            return Ok(1.0);
+        }
+        let at = |psi: f64| {
+            let q = self.inverse(position, psi)?;
+            Ok(self.rows(&q, &Closed { position: *position, psi, passive: 0.0 }).0.determinant())
+        };
+        Ok(at(psi)? / at(0.0)?)
+    }
+
     /// Angles of all arms (rad or m) with those of the passive ones equal to `passive`.
     fn with_passive(&self, q: &[f64], passive: f64) -> [f64; AXES] {
         let mut all = [0.0; AXES];

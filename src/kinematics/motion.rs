@@ -141,7 +141,12 @@ impl SocketSet {
 
     /// Sockets of the set in ascending order.
     pub fn iter(self) -> impl Iterator<Item = usize> {
-        (0..2 * MAX_STRUTS).filter(move |&s| self.contains(s))
+        let mut rest = self.0;
+        std::iter::from_fn(move || {
+            let first = (rest != 0).then(|| rest.trailing_zeros() as usize);
+            rest &= rest.wrapping_sub(1);
+            first
+        })
     }
 }
 
@@ -197,9 +202,12 @@ impl Motion {
     }
 
     /// Indices of the strut at `socket` and of the body that carries the ball.
+    #[inline]
     pub fn socket_bodies(&self, socket: usize) -> (usize, usize) {
-        let s = socket % self.struts();
-        (strut(s), if socket < self.struts() { arm(s / 2) } else { self.carrier[s] })
+        match socket.checked_sub(self.struts()) {
+            None => (strut(socket), arm(socket / 2)),
+            Some(s) => (strut(s), self.carrier[s]),
+        }
     }
 
     /// Origin of an assembled robot's plate in the inertial frame, m.
@@ -216,6 +224,7 @@ impl Motion {
     }
 
     /// Angular velocity of the strut relative to the body that carries the ball at `socket`, inertial axes, rad/s.
+    #[inline]
     pub fn socket_rate(&self, socket: usize) -> Vector3<f64> {
         let (strut, partner) = self.socket_bodies(socket);
         self.bodies[strut].angular_velocity - self.bodies[partner].angular_velocity

@@ -181,6 +181,10 @@ impl FourierMotion {
         for k in 0..GRID {
             let platform = self.at(k as f64 / GRID as f64 / self.frequency);
             let Ok(joints) = plant.geometry.inverse_motion(&platform) else { return of_platform() };
+            let held = plant.geometry.determinacy(&platform.position, platform.psi[0]);
+            if held.is_err() || held.is_ok_and(|share| share < LEAST_DETERMINACY) {
+                return Fit::Both;
+            }
             let bent = plant.stops.hooke_stiffness > 0.0
                 && plant.geometry.has_telescope()
                 && plant.geometry.telescope_tilt(&platform.position) > plant.stops.hooke;
@@ -229,6 +233,10 @@ pub fn middle(plant: &Plant) -> f64 {
     g.forward(&[0.5 * (low + high); AXES]).map_or(-g.limbs[0].arm_length, |p| p.z)
 }
 
+/// Least [`Geometry::determinacy`] of a random motion: Par4 keeps |ψ| below 72°.
+///
+/// [`Geometry::determinacy`]: crate::machine::Geometry::determinacy
+pub const LEAST_DETERMINACY: f64 = 0.3;
 /// Share of an arm's torque limit beyond which the motion of axis 4 with the payload, the platform at rest, is scaled
 /// down too.
 const SWUNG: f64 = 0.5;

@@ -7,6 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use deltatwin::dynamics::{Plant, steady_inverse_dynamics};
 use deltatwin::kinematics::{PlatformState, Target};
 use deltatwin::model::Model;
+use deltatwin::scenario::motion::fourier::LEAST_DETERMINACY;
 use deltatwin::scenario::motion::path::Path;
 use deltatwin::scenario::motion::polynomial::Piecewise;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
@@ -170,6 +171,10 @@ fn beyond(at: &dyn Fn(f64) -> PlatformState, length: f64, plant: &Plant, limits:
         let platform = at(t);
         let Ok(joints) = plant.geometry.inverse_motion(&platform) else { return Some(Beyond::Reach) };
         if plant.geometry.check_limits(&joints.q, &platform.position).is_err() {
+            return Some(Beyond::Reach);
+        }
+        let held = plant.geometry.determinacy(&platform.position, platform.psi[0]);
+        if held.is_err() || held.is_ok_and(|share| share < LEAST_DETERMINACY) {
             return Some(Beyond::Reach);
         }
         let torque = plant.motion(&joints).and_then(|m| steady_inverse_dynamics(plant, t, &m, false));
