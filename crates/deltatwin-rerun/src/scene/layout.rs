@@ -169,7 +169,7 @@ mod tests {
     use super::*;
     use crate::scene::{Note, Series};
     use deltatwin::kinematics::{JointState, Motion};
-    use deltatwin::machine::{Geometry, Mechanism};
+    use deltatwin::machine::Mechanism;
     use rerun::log::Chunk;
 
     fn curve(path: &str) -> Series {
