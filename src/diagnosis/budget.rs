@@ -22,11 +22,11 @@ pub struct Budget {
     pub held_out: bool,
 }
 
-/// Shares of a channel's mean square residual before anything was added. They add up to one; a share is negative
-/// where adding an effect increased the residual, or the noise exceeds the residual.
+/// Shares of a channel's mean square residual before anything was added. They add up to one; an effect's share is
+/// negative where adding it increased the residual.
 #[derive(Clone, Debug)]
 pub struct Shares {
-    /// Share of the noise.
+    /// Share of the noise, at most what is left: the noise floor is an estimate.
     pub noise: f64,
     /// Share of each effect.
     pub effects: Vec<f64>,
@@ -46,8 +46,9 @@ impl Budget {
             fell
         });
         let effects: Vec<f64> = effects.collect();
-        let noise = share(self.noise_floor[c].powi(2));
-        Shares { noise, unexplained: share(now.powi(2)) - noise, effects }
+        let left = share(now.powi(2));
+        let noise = share(self.noise_floor[c].powi(2)).min(left);
+        Shares { noise, unexplained: left - noise, effects }
     }
 
     /// RMS residual with all effects, N·m or N.
@@ -133,6 +134,9 @@ mod tests {
             1.0,
             epsilon = 1e-12
         );
+        // Less is left than the noise floor.
+        let below = Budget { noise_floor: vec![0.55, 2.0], ..budget() }.shares(0);
+        assert_eq!((below.noise, below.unexplained), (0.25, 0.0));
     }
 
     #[test]

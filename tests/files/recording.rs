@@ -567,7 +567,10 @@ fn units_and_dead_channels_are_named() {
         })
     };
     let degrees = refused(&scale(1..5, 180.0 / std::f64::consts::PI));
-    contains(&degrees, &["line 2, column `q1`", "looks like degrees", "rad"]);
+    contains(
+        &degrees,
+        &["line 2, column `q1`", "looks like degrees", "rad", "q1=q1[deg], q2=q2[deg], q3=q3[deg], q4=q4[deg]"],
+    );
     contains(&refused(&scale(0..1, 1e3)), &["column `t`", "milliseconds"]);
 
     let constant =

@@ -232,6 +232,13 @@ fn from_a_file_to_a_diagnosis_of_an_axis() {
         let said = done(&["diagnose", &better, &names[0], "--held-out", &names[1], "--json"]);
         let json: serde_json::Value = serde_json::from_str(&said).unwrap();
         assert_eq!(json["verdict"], "none", "{said}");
+        if cfg!(feature = "viewer") {
+            let [odd, shown] = [path("odd.csv"), path("odd.rrd")];
+            std::fs::write(&odd, format!("A,B,C\n{}", rows(&bench(5), ",", |_, x| format!("{x:.7}")))).unwrap();
+            assert!(!run(&["replay", &odd, "--model", &model, "-o", &shown]).status.success());
+            done(&["replay", &odd, "--model", &model, "-o", &shown, "--map", "t=A, q1=B, tau1=C"]);
+            assert!(std::fs::read(&shown).unwrap().starts_with(b"RRF2"));
+        }
         // Nothing is overwritten unasked.
         let refused = run(&["new", "axis", &names[0], "-o", &model]);
         assert_eq!(refused.status.code(), Some(2));

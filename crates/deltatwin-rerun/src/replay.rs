@@ -119,7 +119,7 @@ impl Replay<'_> {
             }
             add("mean", &times, before[i].clone(), MEAN, "mean over 20 ms");
             if let Some(after) = &after {
-                add("after", &times, after[i].clone(), AFTER, "mean with the later model");
+                add("after", &times, after[i].clone(), AFTER, "mean, later model");
             }
         }
         series.extend(measured(self.recording));
@@ -141,7 +141,7 @@ impl Replay<'_> {
         let ghosts = Ghosts::of(plant, &times, &joints, &rows(&before))?;
         let after = beside.map(|(later, means)| {
             let ghost = ghosts.beside(&later, &rows(&means))?;
-            Ok::<_, miette::Report>(After { residual: in_sigma(&means, &sigma), ghost: Some(ghost) })
+            Ok::<_, miette::Report>(After { name: self.news(), residual: in_sigma(&means, &sigma), ghost: Some(ghost) })
         });
         let mut scene = Scene::new(plant.mechanism, &plant.geometry, times.clone(), poses);
         scene.residual = Some(in_sigma(&before, &sigma));
@@ -156,12 +156,23 @@ impl Replay<'_> {
         Ok(scene)
     }
 
+    /// What the later model has that the first one lacks.
+    fn news(&self) -> String {
+        let known = |name: &str| self.model.effects.iter().any(|own| own.effect.name() == name);
+        let effects = self.beside.iter().flat_map(|later| later.effects.iter());
+        let added = effects.filter(|active| !known(active.effect.name()));
+        let added: Vec<&str> = added.map(|active| active.effect.spec().about.summary).collect();
+        if added.is_empty() { "with other parameters".into() } else { format!("with {}", added.join("; ")) }
+    }
+
     /// What is left of every axis, and what the colours mean.
     fn text(&self, left: &Residuals, later: Option<&Residuals>, noise: &[f64], unit: Unit) -> String {
         let mut text = format!("### {} against {}\n\n", self.recording.name, self.model.name);
-        let name = self.beside.map_or("", |m| m.name.as_str());
         text += &match later {
-            Some(_) => format!("| RMS, {unit} | left | with {name} | noise |\n|---|---|---|---|\n"),
+            Some(_) => {
+                let name = self.news();
+                format!("**After**: {name}.\n\n| RMS, {unit} | before | after | noise |\n|---|---|---|---|\n")
+            }
             None => format!("| RMS, {unit} | left | noise |\n|---|---|---|\n"),
         };
         for (i, (rms, noise)) in left.rms.iter().zip(noise).enumerate().take(self.recording.signals.mechanism.axes()) {

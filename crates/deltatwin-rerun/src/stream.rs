@@ -16,12 +16,12 @@ use deltatwin::twin::{Event, Frame, Watcher};
 
 /// Capacity of the queue, frames.
 const QUEUE: usize = 1000;
-/// Time between frames of a stream, s: what a display shows in real time.
-pub const SPACING: f64 = 1.0 / 60.0;
+/// Time between frames of a stream, s: motion is smooth, at half the cost of every picture of a display.
+pub const SPACING: f64 = 1.0 / 30.0;
 /// How often a stream sends what has come: a piece costs nearly the same for one frame as for ten.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pace {
-    /// As a display shows it, for a run in real time: poses every 20 ms, curves every 40 ms.
+    /// For a run in real time: poses every 33 ms, curves every 100 ms.
     Live,
     /// Ten times per second, for a run that goes as fast as it can.
     Fast,
@@ -31,14 +31,14 @@ impl Pace {
     /// Shortest time between two pieces: what it adds to the latency of poses.
     fn piece(self) -> Duration {
         Duration::from_millis(match self {
-            Self::Live => 20,
+            Self::Live => 33,
             Self::Fast => 100,
         })
     }
 
     /// Whether piece `k` has curves.
     fn has_curves(self, k: usize) -> bool {
-        self == Self::Fast || k.is_multiple_of(2)
+        self == Self::Fast || k.is_multiple_of(3)
     }
 }
 

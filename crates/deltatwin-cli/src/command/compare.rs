@@ -8,7 +8,7 @@ use crate::command::gate::guard;
 use crate::data::{Data, DataArgs, positive};
 use crate::report::{check_report, write_report};
 use crate::terminal::{
-    BAD_ANSWER, DONE, Table, check_output, input, origin, say, say_repeats, spinner, warn, write_figure,
+    BAD_ANSWER, DONE, Table, check_output, input, origin, say, say_repeats, spinner, warn, wrapped, write_figure,
 };
 use deltatwin::comparison::{Comparison, compare};
 use deltatwin::identification::HeldOut;
@@ -110,7 +110,7 @@ fn print(c: &Comparison) -> miette::Result<()> {
         return say("\n  Nothing stands out.");
     }
     say("")?;
-    c.findings.iter().try_for_each(|f| say(format!("  {}", wrapped(&f.sentence))))
+    c.findings.iter().try_for_each(|f| say(wrapped(&f.sentence, 2)))
 }
 
 /// Noise of the held-out data where it is not `of_fitted` data's.
@@ -120,24 +120,4 @@ pub(super) fn other_noise<'a>(of_fitted: &[f64], held_out: Option<&'a HeldOut>) 
     let held_out = &held_out?.noise_floor;
     let differs = |(own, other): (&f64, &f64)| (other - own).abs() > ALIKE * own;
     held_out.iter().zip(of_fitted).any(differs).then_some(held_out)
-}
-
-/// A sentence wrapped to the width of the screen, with further lines indented.
-fn wrapped(sentence: &str) -> String {
-    const WIDTH: usize = 94;
-    let mut text = String::new();
-    let mut width = 0;
-    for word in sentence.split(' ') {
-        let length = word.chars().count();
-        if width > 0 && width + 1 + length > WIDTH {
-            text.push_str("\n    ");
-            width = 2;
-        } else if width > 0 {
-            text.push(' ');
-            width += 1;
-        }
-        text.push_str(word);
-        width += length;
-    }
-    text
 }

@@ -8,9 +8,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use miette::{IntoDiagnostic, WrapErr};
 use serde_json::json;
 
-use crate::terminal::{origin, spinner, wrapped};
+use crate::terminal::{Table, origin, spinner, wrapped};
 use deltatwin::model::Model;
-use deltatwin::recording::Channel;
 use deltatwin::recording::Recording;
 use deltatwin::text::with_error;
 use deltatwin::twin::origin::of_recording;
@@ -154,7 +153,7 @@ fn print(campaign: &Campaign, findings: &Findings, files: &[PathBuf]) {
     let d = &findings.analysis.diagnosis;
     tell!("\nWhere the model as delivered fails:");
     for f in findings.analysis.delivered.findings.iter().take(4) {
-        tell!("  {}", f.sentence);
+        tell!("{}", wrapped(&f.sentence, 2));
     }
     tell!("\n{}", wrapped(&format!("Diagnosis: {}", sentence::verdict(d)), 0));
     for p in d.effects.iter().flat_map(|e| &e.parameters) {
@@ -164,21 +163,11 @@ fn print(campaign: &Campaign, findings: &Findings, files: &[PathBuf]) {
         tell!("{}", wrapped(&format!("Next experiment: {}", next.what), 0));
     }
     let [delivered, identified, added] = findings.stage_rms();
-    tell!("\nRMS error on the held-out motion");
-    tell!("  {:<14} {:>12} {:>12} {:>12} {:>12}", "", "delivered", "identified", "effect added", "noise floor");
-    for (c, channel) in d.channels.iter().enumerate() {
-        let label = match channel {
-            Channel::Torque(i) => format!("axis {} / N·m", i + 1),
-            other => format!("{other} / N"),
-        };
-        tell!(
-            "  {label:<14} {:>12.4} {:>12.4} {:>12.4} {:>12.4}",
-            delivered[c],
-            identified[c],
-            added[c],
-            d.noise_floor[c]
-        );
-    }
+    let series = [delivered, identified, added];
+    let [delivered, identified, added] = series.each_ref().map(|rms| Some(&rms[..]));
+    let stages = [("delivered", delivered), ("identified", identified), ("effect added", added)];
+    let all = [&stages[..], &[("noise floor", Some(&d.noise_floor[..]))]].concat();
+    tell!("\nOn the held-out motion\n{}", Table::of_channels(d.budget.mechanism, &d.channels, &all));
     tell!("\nHidden was {}", describe(campaign));
     tell!("{}", if findings.right { "Found." } else { "Not found." });
     tell!("\nWritten:");

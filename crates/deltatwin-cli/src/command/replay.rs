@@ -9,7 +9,7 @@ use std::path::PathBuf;
 
 #[cfg(feature = "watch")]
 use crate::broker::{Access, Given};
-use crate::data::{Outside, positive};
+use crate::data::{ColumnArgs, Outside, positive};
 
 /// Look at a recording in Rerun: the moving robot, measured and predicted torques; or send it to a broker.
 ///
@@ -20,15 +20,17 @@ pub struct Args {
     /// Recordings; several are sent one after the other.
     #[arg(required = true, value_name = "REC")]
     pub recordings: Vec<PathBuf>,
-    /// Rerun file to write; without it, beside the recording.
+    /// Rerun file to write; without it, next to the recording.
     #[arg(short, long, value_name = "RRD")]
     pub output: Option<PathBuf>,
     /// Model file to compare with; the shipped `irb360-6-1600.toml` without it.
     #[arg(long, value_name = "M")]
     pub model: Option<PathBuf>,
-    /// Later model file, whose residual is shown beside.
+    /// Later model file, whose residual is shown next to the first.
     #[arg(long, value_name = "MODEL2")]
     pub beside: Option<PathBuf>,
+    #[command(flatten)]
+    pub columns: ColumnArgs,
     #[command(flatten)]
     pub outside: Outside,
     #[cfg(feature = "viewer")]

@@ -51,8 +51,10 @@ pub struct Scene<'a> {
     pub text: Option<String>,
 }
 
-/// What a later model leaves, beside the first.
+/// What a later model leaves, next to the first.
 pub struct After {
+    /// What the later model has in addition, in words.
+    pub name: String,
     /// Torque residual like [`Scene::residual`].
     pub residual: Vec<[f64; AXES]>,
     /// Poses like [`Scene::ghost`].
@@ -155,6 +157,7 @@ impl<'a> Scene<'a> {
             ghost: self.ghost.as_ref().map(|all| all[frames.clone()].to_vec()),
             ghost_name: self.ghost_name.clone(),
             after: self.after.as_ref().map(|after| After {
+                name: after.name.clone(),
                 residual: after.residual[frames.clone()].to_vec(),
                 ghost: after.ghost.as_ref().map(|all| all[frames.clone()].to_vec()),
             }),
@@ -238,6 +241,8 @@ pub fn strut_force(strut: usize, end: usize, times: Vec<f64>, values: Vec<f64>) 
     Series::new(path, times, values, end_color(strut, end), format!("{name} end [N]"))
 }
 
+/// Colour of the limit of the margins.
+const OFF: [u8; 3] = [225, 40, 60];
 /// Names of the ends of a strut: at the elbow, at the platform.
 const ENDS: [&str; 2] = ["upper", "lower"];
 
@@ -252,7 +257,7 @@ pub fn strut_forces(strut: usize, times: Vec<f64>, forces: impl Iterator<Item = 
     Series { path, times, values: forces.flatten().collect(), lines: vec![line(0), line(1)] }
 }
 
-/// Curves of the margins of the twelve sockets, in one plot.
+/// Curves of the margins of the twelve sockets and of the limit, in one plot.
 pub fn socket_margins(times: &[f64], margins: &[[f64; 2 * STRUTS]]) -> Series {
     let line = |s: usize| {
         let (strut, end) = (s % STRUTS, s / STRUTS);
@@ -261,8 +266,9 @@ pub fn socket_margins(times: &[f64], margins: &[[f64; 2 * STRUTS]]) -> Series {
             label: format!("strut {} {} [N]", strut + 1, ENDS[end]),
         }
     };
-    let values = margins.iter().flatten().copied().collect();
-    let lines = (0..2 * STRUTS).map(line).collect();
+    let off = Line { color: OFF, label: "limit [N]".into() };
+    let values = margins.iter().flat_map(|margins| margins.iter().copied().chain([0.0])).collect();
+    let lines = (0..2 * STRUTS).map(line).chain([off]).collect();
     Series { path: "sockets/socket_margin/margins".into(), times: times.to_vec(), values, lines }
 }
 

@@ -33,10 +33,7 @@ impl Live {
     /// # Errors
     /// If no viewer answers or none can be started, or the URL is not valid.
     pub fn open(viewer: &Viewer, name: &str, scene: &Scene) -> Result<Self, Problem> {
-        let builder = rerun::RecordingStreamBuilder::new(APPLICATION)
-            .recording_name(name)
-            .with_blueprint(layout(scene))
-            .enabled(true);
+        let builder = rerun::RecordingStreamBuilder::new(APPLICATION).recording_name(name).enabled(true);
         let rec = match viewer {
             Viewer::Connect(url) => {
                 listens(url)?;
@@ -44,6 +41,7 @@ impl Live {
             }
             Viewer::Spawn => builder.spawn()?,
         };
+        layout(scene).send(&rec)?;
         Ok(Self { rec, staged: false, known: Known::default() })
     }
 

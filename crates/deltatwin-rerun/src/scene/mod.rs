@@ -63,11 +63,9 @@ pub type Problem = Box<dyn std::error::Error + Send + Sync>;
 type Outcome = Result<(), Problem>;
 
 fn encode(name: &str, scene: &Scene) -> Result<Vec<u8>, Problem> {
-    let builder = rerun::RecordingStreamBuilder::new(APPLICATION)
-        .recording_name(name)
-        .with_blueprint(layout(scene))
-        .enabled(true);
+    let builder = rerun::RecordingStreamBuilder::new(APPLICATION).recording_name(name).enabled(true);
     let (rec, storage) = builder.memory()?;
+    layout(scene).send(&rec)?;
     shapes(&rec, scene)?;
     trail::whole(&rec, scene)?;
     motion(&rec, scene, &mut Known::default())?;
@@ -219,7 +217,7 @@ mod tests {
         scene.residual = Some(vec![[0.0; AXES]; 2]);
         scene.ghost = Some(poses(0.4));
         scene.ghost_name = "model".into();
-        scene.after = Some(After { residual: vec![[9.0; AXES]; 2], ghost: None });
+        scene.after = Some(After { name: "with more".into(), residual: vec![[9.0; AXES]; 2], ghost: None });
         let contact = Contact { at: Vector3::new(0.0, 0.0, -1.0), force: Vector3::new(0.0, 0.0, 50.0) };
         scene.contacts = Some(vec![vec![contact, contact], vec![contact]]);
         for entity in

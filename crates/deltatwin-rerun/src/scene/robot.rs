@@ -59,6 +59,12 @@ pub(super) fn figures<'s>(scene: &'s Scene) -> Vec<Figure<'s>> {
 }
 
 impl Figure<'_> {
+    /// Whether it is shown, by frame: a ghost where it is apart from the robot.
+    fn visible(&self, scene: &Scene) -> Vec<bool> {
+        let pairs = scene.bodies.iter().zip(self.bodies);
+        pairs.map(|(own, other)| !self.is_ghost || apart(scene, own, other) > APART).collect()
+    }
+
     /// Entity of body `b`.
     pub fn entity(&self, scene: &Scene, b: usize) -> String {
         match scene.machine {
@@ -176,14 +182,14 @@ fn spring_pose(scene: &Scene, bodies: &[Isometry3<f64>; SLOTS], pair: usize, end
     Isometry3::from_parts(from.coords.into(), turn)
 }
 
-/// An entity that moves: its frame, that of its parent, and its pose in every frame of the scene.
+/// An entity that moves: its frame and its parent's, and its pose in every frame of the scene in which it is shown.
 struct Mover {
     frames: [TransformFrameId; 2],
-    poses: Vec<Isometry3<f64>>,
+    poses: Vec<Option<Isometry3<f64>>>,
 }
 
 impl Mover {
-    fn new(entity: impl Into<EntityPath>, poses: Vec<Isometry3<f64>>) -> Self {
+    fn new(entity: impl Into<EntityPath>, poses: Vec<Option<Isometry3<f64>>>) -> Self {
         let entity = entity.into();
         let parent = entity.parent().unwrap_or_else(EntityPath::root);
         Self { frames: [&entity, &parent].map(TransformFrameId::from_entity_path), poses }
@@ -194,30 +200,36 @@ impl Mover {
 fn movers(scene: &Scene) -> Vec<Mover> {
     let mut all = Vec::new();
     for figure in figures(scene) {
-        for b in shown(scene) {
-            all.push(Mover::new(figure.entity(scene, b), figure.bodies.iter().map(|poses| poses[b]).collect()));
-        }
+        let visible = figure.visible(scene);
+        let of = |pose: &dyn Fn(&[Isometry3<f64>; SLOTS]) -> Isometry3<f64>| {
+            figure.bodies.iter().zip(&visible).map(|(bodies, visible)| visible.then(|| pose(bodies))).collect()
+        };
+        all.extend(shown(scene).map(|b| Mover::new(figure.entity(scene, b), of(&|bodies| bodies[b]))));
         if is_assembled(scene) && !figure.is_ghost {
-            for (pair, end) in clamp_springs(scene) {
-                let pose = |bodies: &[Isometry3<f64>; SLOTS]| spring_pose(scene, bodies, pair, end);
-                all.push(Mover::new(spring_entity(&figure, pair, end), figure.bodies.iter().map(pose).collect()));
-            }
+            let spring = |(pair, end)| {
+                let poses = of(&|bodies| spring_pose(scene, bodies, pair, end));
+                Mover::new(spring_entity(&figure, pair, end), poses)
+            };
+            all.extend(clamp_springs(scene).map(spring));
         }
     }
-    all.extend(things::free(scene).map(|(entity, poses)| Mover::new(entity, poses.to_vec())));
+    all.extend(
+        things::free(scene).map(|(entity, poses)| Mover::new(entity, poses.iter().copied().map(Some).collect())),
+    );
     all
 }
 
 /// Logs the poses of all that moves, as one entity: its cost is that of one part.
 pub(super) fn poses(rec: &RecordingStream, scene: &Scene) -> Outcome {
     let movers = movers(scene);
-    let rows = || (0..scene.times.len()).flat_map(|k| movers.iter().map(move |mover| (k, mover)));
+    let of_frame = |k: usize| movers.iter().filter_map(move |mover| Some((k, &mover.frames, mover.poses[k]?)));
+    let rows: Vec<_> = (0..scene.times.len()).flat_map(of_frame).collect();
     let poses = a::Transform3D::update_fields()
-        .with_many_translation(rows().map(|(k, mover)| point(mover.poses[k].translation.vector)))
-        .with_many_quaternion(rows().map(|(k, mover)| quaternion(&mover.poses[k])))
-        .with_many_child_frame(rows().map(|(_, mover)| mover.frames[0].clone()))
-        .with_many_parent_frame(rows().map(|(_, mover)| mover.frames[1].clone()));
-    let times: Vec<f64> = rows().map(|(k, _)| scene.times[k]).collect();
+        .with_many_translation(rows.iter().map(|(.., pose)| point(pose.translation.vector)))
+        .with_many_quaternion(rows.iter().map(|(.., pose)| quaternion(pose)))
+        .with_many_child_frame(rows.iter().map(|(_, frames, _)| frames[0].clone()))
+        .with_many_parent_frame(rows.iter().map(|(_, frames, _)| frames[1].clone()));
+    let times: Vec<f64> = rows.iter().map(|(k, ..)| scene.times[*k]).collect();
     rec.send_columns("world/poses", [frames(&times)], poses.columns_of_unit_batches()?)?;
     Ok(())
 }
@@ -226,8 +238,7 @@ pub(super) fn poses(rec: &RecordingStream, scene: &Scene) -> Outcome {
 pub(super) fn appearance(rec: &RecordingStream, scene: &Scene, known: &mut Known) -> Outcome {
     for figure in figures(scene) {
         if figure.is_ghost {
-            let is_apart = scene.bodies.iter().zip(figure.bodies).map(|(own, other)| apart(scene, own, other) > APART);
-            let sizes = is_apart.map(|apart| if apart { 1.0f32 } else { HIDDEN }.to_bits());
+            let sizes = figure.visible(scene).into_iter().map(|apart| if apart { 1.0f32 } else { HIDDEN }.to_bits());
             let (times, sizes) = known.changes(figure.root, &scene.times, sizes);
             if !times.is_empty() {
                 let sizes = a::Transform3D::update_fields()

@@ -29,9 +29,7 @@ pub fn print(budget: &Budget, changes: &[Change], history: &[Added]) -> miette::
     }
     say(format!("\n{table}"))?;
     if is_negative {
-        let why = "A negative share: the addition made the channel worse, or less is left than the noise floor, which is \
-                   itself an estimate.";
-        say(wrapped(why, 2))?;
+        say("  A negative share: the addition made the channel worse.")?;
     }
     let names = budget.effects.iter().enumerate().map(|(i, (name, _))| format!("[{}] {name}", i + 1));
     if !fits {

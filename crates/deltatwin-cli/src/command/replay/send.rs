@@ -62,7 +62,7 @@ fn samples(args: &Args) -> miette::Result<(Vec<Sample>, Mechanism)> {
     let mut all: Vec<Sample> = Vec::new();
     let mut machine = None;
     for file in &args.recordings {
-        let (recording, warnings) = recording::read(file, None)?;
+        let (recording, warnings) = recording::read_as(file, &args.columns.reading(None, None))?;
         warn(&warnings);
         let signals = recording.signals;
         if machine.is_some_and(|m| m != signals.mechanism) {

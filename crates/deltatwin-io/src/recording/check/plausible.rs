@@ -67,7 +67,11 @@ impl Table {
             let k = name.trim_start_matches('q');
             let other = match degrees {
                 _ if exchanged => format!("; --map \"{name}=q4, q4={name}, tau{k}=tau4, tau4=tau{k}\" exchanges axes"),
-                true => format!("; --map \"{name}={name}[deg]\" reads degrees, \"{name}={name}/33\" a motor's side"),
+                true => {
+                    let angles = ["q1", "q2", "q3", "q4"].into_iter().filter(|q| self.column(q).is_some());
+                    let all = angles.map(|q| format!("{q}={q}[deg]")).collect::<Vec<_>>().join(", ");
+                    format!("; --map \"{all}\" reads degrees, \"{name}={name}/33\" a motor's side")
+                }
                 false => format!("; --map \"{name}={name}-1.5708\" moves the zero, \"{name}=-{name}\" turns it round"),
             };
             return Err(self.value_error(i, name, problem, format!("{low} … {high} rad{other}")));

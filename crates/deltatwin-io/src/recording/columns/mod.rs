@@ -61,7 +61,7 @@ impl Layout {
         }
         let guessed: Vec<String> = channels.iter().filter_map(|(name, s)| note(name, s, &headers)).collect();
         if !guessed.is_empty() {
-            notes.push(format!("columns read as: {}", guessed.join(", ")));
+            notes.push(format!("columns read as\n  {}", guessed.join(",\n  ")));
         }
         let used = |i: &usize| channels.iter().any(|(_, s)| s.column == *i);
         let unused = (0..headers.len()).filter(|i| !used(i)).collect();
@@ -279,7 +279,7 @@ fn note(channel: &str, s: &Source, headers: &[Header]) -> Option<String> {
     if header.base == channel && (s.factor, s.offset, s.delay) == (1.0, 0.0, 0.0) {
         return None;
     }
-    let mut text = format!("{channel} = ");
+    let mut text = format!("{channel:<5} = ");
     let stated = header.unit.as_deref().and_then(Unit::find).map_or(1.0, |u| u.factor);
     if s.factor != stated {
         text += &format!("{} × ", in_digits(s.factor));
