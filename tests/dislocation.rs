@@ -4,7 +4,7 @@ use crate::common;
 
 use common::{model, nominal_plant, reversing, with_effect};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
-use deltatwin::kinematics::motion::SOCKETS;
+use deltatwin::kinematics::motion::MAX_SOCKETS;
 use deltatwin::kinematics::{JointState, Motion, PlatformState};
 use deltatwin::machine::bodies::{END_EFFECTOR, PLATFORM, SLOTS, STRUT, TELESCOPE_LOWER};
 use deltatwin::machine::{Payload, Setup, Stops};
@@ -31,7 +31,7 @@ fn dropped(plant: &Plant) -> (Twin, f64) {
     let q = plant.geometry.inverse(&Vector3::new(0.0, 0.0, -0.95), 0.0).unwrap();
     let joints = JointState { q: [q[0], q[1], q[2], 0.3], ..JointState::default() };
     let mut twin = Twin::new(plant.clone(), &plant.motion(&joints).unwrap()).unwrap();
-    (6..SOCKETS).for_each(|s| twin.open(s).unwrap());
+    (6..12).for_each(|s| twin.open(s).unwrap());
     (twin, plant.bodies[PLATFORM].mass + plant.bodies[END_EFFECTOR].mass + plant.bodies[TELESCOPE_LOWER].mass)
 }
 
@@ -156,7 +156,7 @@ fn setup() -> Setup {
 
 /// Clamps so strong that a pull along the opening does not matter: the margin is hold − force across the cup.
 fn clamps(hold: f64, armed: bool) -> Clamps {
-    Clamps { hold: [hold; SOCKETS], preload: [1e12; SOCKETS], share: 0.0, armed }
+    Clamps { hold: [hold; MAX_SOCKETS], preload: [1e12; MAX_SOCKETS], share: 0.0, armed }
 }
 
 fn options(hold: f64, armed: bool) -> Options {
@@ -203,7 +203,7 @@ fn a_socket_leaves_when_the_force_reaches_its_hold_and_not_before() {
         let period = robot.sample_time;
         const WATCHED: f64 = 1e3;
         let (free, _) = run(&robot, &options(WATCHED, false));
-        let margins = free.signals.rows::<SOCKETS>(Channel::SocketMargin);
+        let margins = margins_of(&free.signals);
         let across: Vec<f64> =
             margins.iter().map(|m| WATCHED - m.iter().copied().fold(f64::INFINITY, f64::min)).collect();
         // A level that the force crosses upwards after a while, 2/3 of the way to its peak.
@@ -293,7 +293,7 @@ fn a_socket_leaves_when_the_force_reaches_its_hold_and_not_before() {
         let tau = armed.signals.tau();
         assert!(tau.at(k + 1) != [0.0; 4] && tau.iter().skip(k + 2).all(|t| t == [0.0; 4]));
         println!("lost at once: {at_once:?}; later: {}; trip at {:.4} s", gone.len() - at_once.len(), trips[0].t);
-        assert!((0..SOCKETS).all(|s| report.closed.contains(s) != gone.iter().any(|e| told(e).0 == s)));
+        assert!((0..12).all(|s| report.closed.contains(s) != gone.iter().any(|e| told(e).0 == s)));
     }
 }
 
@@ -354,7 +354,7 @@ fn struts_pulled_apart_leave_their_balls_above_the_preload() {
     };
     for f in [100.0, 300.0, 420.0] {
         let after = pulled_apart(f);
-        for s in 0..SOCKETS {
+        for s in 0..12 {
             let lost = if s % 6 < 2 { 0.5 * f } else { 0.0 };
             approx::assert_relative_eq!(after[s], before[s] - lost, epsilon = 1e-6);
         }
@@ -378,7 +378,7 @@ fn margins_are_net_of_the_clamp_springs() {
     let (without, forces) = read(&robot);
     robot.effects.push(common::defaults("clamp_springs"));
     let (with, forces_with) = read(&robot);
-    for s in 0..SOCKETS {
+    for s in 0..12 {
         assert!((with[s] - without[s]).abs() < 1e-6, "socket {s}: {} and {}", with[s], without[s]);
     }
     for (a, b) in forces.upper.iter().chain(&forces.lower).zip(forces_with.upper.iter().chain(&forces_with.lower)) {
@@ -393,7 +393,7 @@ fn margins_are_net_of_the_clamp_springs() {
 
 /// A run of a machine that is its own controller's model, without noise: margins of the twin, and those of the model along
 /// the executed motion.
-fn followed(mut scenario: Scenario, duration: f64) -> (Model, Setup, Recording, Vec<[f64; SOCKETS]>) {
+fn followed(mut scenario: Scenario, duration: f64) -> (Model, Setup, Recording, Vec<[f64; MAX_SOCKETS]>) {
     let machine = deltatwin_io::model::read(&scenario.model).unwrap();
     scenario.duration = duration;
     scenario.noise = false;
@@ -415,12 +415,18 @@ fn followed(mut scenario: Scenario, duration: f64) -> (Model, Setup, Recording, 
     (machine, setup, recording, margins)
 }
 
+/// Margins of all sockets at every sample, N.
+fn margins_of(signals: &deltatwin::recording::Signals) -> Vec<Vec<f64>> {
+    let sockets = Channel::of_sockets(signals.mechanism);
+    (0..signals.len()).map(|k| sockets.iter().map(|socket| signals[*socket][k]).collect()).collect()
+}
+
 /// One criterion: the margins that the model gives along a motion are those of the twin, and not hold − |axial force|.
 #[test]
 fn margins_along_a_known_motion_are_those_of_the_twin() {
     let (machine, setup, recording, margins) = followed(scenario("payload"), 1.4);
     let signals = &recording.signals;
-    let twin = signals.rows::<SOCKETS>(Channel::SocketMargin);
+    let twin = margins_of(signals);
     let (mut worst, mut axial_only) = (0.0f64, 0.0f64);
     for (k, (twin, margins)) in twin.iter().zip(&margins).enumerate() {
         let ends = (0..6).map(Channel::StrutUpper).chain((0..6).map(Channel::StrutLower));
@@ -550,7 +556,7 @@ fn drawn_and_worn_holds_decide_which_socket_goes_first() {
     assert!(force >= hold - 2e-3 && force < hold + 0.05 && pull.abs() < 0.2 * hold, "{:?}", gone[0]);
     assert!(report.peak_strut_force >= 0.95 * force, "{} at the event, {force}", report.peak_strut_force);
     let mut healthy = worn.clone();
-    healthy.sockets.wear = [0.0; SOCKETS];
+    healthy.sockets.wear = [0.0; MAX_SOCKETS];
     let report = play(&healthy, &Options { duration: 0.3, ..touching(&healthy, &machine) });
     assert!(of_kind(&report, EventKind::Dislocation).is_empty());
 }

@@ -5,7 +5,6 @@ use crate::common;
 use common::{model, nominal_plant, random_joints};
 use deltatwin::dynamics::{Output, Plant, Sample, inverse_dynamics, regressor, set_parameters};
 use deltatwin::effects::{ActiveEffect, Effect, Instant, Kind, REGISTRY, Role, Wrenches, find};
-use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::kinematics::{JointState, KinematicsError, Motion, PlatformState, Reactions, SocketSet};
 use deltatwin::machine::bodies::{
     BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
@@ -729,7 +728,7 @@ fn passive_joint_rates_are_derivatives_of_passive_joint_angles() {
                 worst = worst.max((rate - now.hooke_rates()[joint][i]).abs());
             }
         }
-        for socket in 0..SOCKETS {
+        for socket in 0..12 {
             // Seen from the ball's body, the strut's axis turns with the socket rate; the struts' own roll is zero.
             let (strut, ball) = now.socket_bodies(socket);
             let seen = |m: &Motion| m.bodies[ball].rotation.tr_mul(&m.strut_axis[strut - STRUT]);
@@ -819,7 +818,7 @@ fn drives_pay_for_stored_energy_and_friction() {
 // Ball sockets, from positions alone.
 
 /// ∂ω_rel/∂φ̇ⱼ at every socket and for every arm, by differences of strut directions over the arm angles.
-fn socket_rate_jacobian(g: &Geometry, q: [f64; 4]) -> [[Vector3<f64>; 3]; SOCKETS] {
+fn socket_rate_jacobian(g: &Geometry, q: [f64; 4]) -> [[Vector3<f64>; 3]; 12] {
     let axis = |q: &[f64; 4], limb: usize| {
         let (length, own) = (g.limbs[limb].arm_length, &g.limbs[limb]);
         let radial = Vector3::new(own.azimuth().cos(), own.azimuth().sin(), 0.0);
@@ -868,13 +867,13 @@ fn socket_friction_reaches_each_drive_by_virtual_work() {
                 _ => 0.15 * 0.0095 * forces[socket].abs() * saturated(&rates[socket]),
             };
             let mut dissipated = 0.0;
-            for socket in 0..SOCKETS {
+            for socket in 0..12 {
                 dissipated += coefficient(socket) * rates[socket].norm_squared();
             }
             let mut drives = 0.0;
             for j in 0..3 {
                 let friction = out.tau[j] - base.tau[j];
-                let want: f64 = (0..SOCKETS).map(|s| coefficient(s) * rates[s].dot(&jacobian[s][j])).sum();
+                let want: f64 = (0..12).map(|s| coefficient(s) * rates[s].dot(&jacobian[s][j])).sum();
                 worst[case] = worst[case].max((friction - want).abs());
                 drives += friction * joints.qd[j];
             }

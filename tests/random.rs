@@ -8,7 +8,7 @@ use crate::common::{defaults, model};
 use deltatwin::cell::{Mobility, Object, Shape, Surface};
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::REGISTRY;
-use deltatwin::kinematics::motion::SOCKETS;
+use deltatwin::kinematics::motion::MAX_SOCKETS;
 use deltatwin::machine::{Payload, Setup};
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
@@ -118,7 +118,7 @@ fn draw(seed: u64) -> Random {
     }
     let clamps = Clamps {
         hold: std::array::from_fn(|_| rng.random_range(60.0..300.0)),
-        preload: [200.0; SOCKETS],
+        preload: [200.0; MAX_SOCKETS],
         share: if rng.random_bool(0.2) { 1.0 } else { 0.0 },
         armed: rng.random_bool(0.7),
     };
@@ -150,7 +150,7 @@ fn draw(seed: u64) -> Random {
 fn finite(recording: &Recording, report: &Report) -> bool {
     let s = &recording.signals;
     let rows = s.series().flat_map(|(_, values)| values);
-    let sockets = report.min_margin.iter().take(SOCKETS);
+    let sockets = report.min_margin.iter().take(12);
     let single = [
         report.simulated,
         report.max_loop_gap,

@@ -6,10 +6,10 @@ use super::channels::{ChannelMap, Twist};
 use super::reduction::Reduction;
 use super::{Plant, STILL, inertial_wrench};
 use crate::effects::{ActiveEffect, Instant, Wrenches};
-use crate::kinematics::motion::SOCKETS;
+use crate::kinematics::motion::MAX_SOCKETS;
 use crate::kinematics::{KinematicsError, Motion, Reactions};
-use crate::machine::bodies::{SLOTS, STRUT};
-use crate::machine::{AXES, MAX_STRUTS, STRUTS};
+use crate::machine::bodies::{SLOTS, strut};
+use crate::machine::{AXES, MAX_STRUTS};
 use crate::numerics::{Anderson, worst};
 use crate::recording::Channel;
 
@@ -109,7 +109,7 @@ pub struct SocketLoads {
     pub output: Output,
     /// Force of the ball on the strut's cup without the clamps' own, N, inertial axes: six at the elbows, six at the
     /// platform.
-    pub sockets: [Vector3<f64>; SOCKETS],
+    pub sockets: [Vector3<f64>; MAX_SOCKETS],
 }
 
 impl Borne for SocketLoads {
@@ -138,17 +138,19 @@ pub fn steady_socket_loads(plant: &Plant, t: f64, motion: &Motion) -> Result<Soc
 ///
 /// Newton and Euler for a strut of length ℓ along u: F_upper + F_lower + f = 0 and m + ℓ·u × F_lower = 0, thus across the
 /// strut F_lower = u × m/ℓ; along it F_upper·u = −T_upper and F_lower·u = T_lower. The moment about u is the spin's.
-fn ball_forces(motion: &Motion, wrenches: &[Twist; SLOTS], axial: &Reactions) -> [Vector3<f64>; SOCKETS] {
-    std::array::from_fn(|socket| {
-        let s = socket % STRUTS;
-        let ((force, moment), u) = (&wrenches[STRUT + s], motion.strut_axis[s]);
+pub(crate) fn ball_forces(
+    motion: &Motion,
+    wrenches: &[Twist; SLOTS],
+    axial: &Reactions,
+) -> [Vector3<f64>; MAX_SOCKETS] {
+    let mut out = [Vector3::zeros(); MAX_SOCKETS];
+    for s in 0..motion.struts() {
+        let ((force, moment), u) = (&wrenches[strut(s)], motion.strut_axis[s]);
         let across = u.cross(moment) / motion.strut_length[s];
-        if socket < STRUTS {
-            -(force - u * force.dot(&u)) - across - u * axial.upper[s]
-        } else {
-            across + u * axial.lower[s]
-        }
-    })
+        out[s] = -(force - u * force.dot(&u)) - across - u * axial.upper[s];
+        out[motion.struts() + s] = across + u * axial.lower[s];
+    }
+    out
 }
 
 /// Loads that `solve` returns for the sum of the `rigid` wrenches and those of all effects.

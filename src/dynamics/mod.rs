@@ -15,7 +15,9 @@ mod reduction;
 pub(crate) use channels::STILL;
 pub use channels::{ChannelMap, Twist};
 pub(crate) use inverse::add_regressor;
-pub(crate) use inverse::{Borne, add_effects, balance, borne, loaded_wrenches, reads_loads, rigid_wrenches};
+pub(crate) use inverse::{
+    Borne, add_effects, balance, ball_forces, borne, loaded_wrenches, reads_loads, rigid_wrenches,
+};
 pub use inverse::{
     Output, Sample, SocketLoads, inverse_dynamics, regressor, steady_inverse_dynamics, steady_socket_loads,
 };

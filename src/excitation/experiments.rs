@@ -10,7 +10,7 @@ use super::prospect::Noise;
 use crate::dynamics::Plant;
 use crate::identification::{Dataset, predict};
 use crate::kinematics::JointState;
-use crate::machine::{ARMS, AXES, Configuration, Part, Payload, Setup};
+use crate::machine::{AXES, Configuration, Part, Payload, Setup};
 use crate::model::Model;
 use crate::recording::Channel;
 use crate::scenario::Course;
@@ -109,6 +109,8 @@ const RANDOM_SHARE: f64 = 0.45;
 const FOURIER: (f64, usize) = (0.1, 10);
 /// Duration of a warm-up run, s: several thermal time constants of minutes, or the beginning of an hour-long one.
 const WARM_UP: f64 = 1200.0;
+/// Unit of the rotations of a plate in slow motions, rad; that of an end effector with an axis of its own is 1 rad.
+const PLATE_TURN: f64 = 0.4;
 /// Payload to be mounted: mass (kg), centre of mass (m) and inertia about z (kg·m²) of a plate beside the axis.
 const KNOWN: (f64, [f64; 3], f64) = (2.5, [0.04, 0.02, -0.05], 0.01);
 
@@ -129,12 +131,9 @@ pub struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// All experiments that the machine can perform; none yet on relatives of the delta robot.
+    /// All experiments that the machine can perform.
     pub fn catalogue(&self) -> Vec<Experiment> {
         let plant = Plant::new(self.model, &self.setup);
-        if plant.assembled && !plant.is_closed_delta() {
-            return Vec::new();
-        }
         let random = self.random();
         let mut all = Vec::new();
         let mut plan = |kind, what: String, course: &Course| all.extend(self.plan(kind, what, course));
@@ -193,7 +192,10 @@ impl Bench<'_> {
         }
         let apart = Setup { configuration: Configuration::Disassembled, payload: Payload::default(), ..self.setup };
         let arms = Bench { setup: apart, channels: Channel::of_drives(self.model.mechanism), ..*self };
-        let what = "two limbs and the telescope dismounted: the arms and motor 4 alone, then `--hold drive_friction`";
+        let what = match self.model.mechanism.is_delta() {
+            true => "two limbs and the telescope dismounted: the arms and motor 4 alone, then `--hold drive_friction`",
+            false => "struts and plate dismounted: the arms alone, then `--hold drive_friction`",
+        };
         all.extend(arms.plan(Kind::Disassembled, what.into(), random));
         all
     }
@@ -268,7 +270,10 @@ impl Bench<'_> {
                 .map(Course::ConstantSpeed)
                 .collect();
         }
-        let turns = f64::from(u8::from(plant.mechanism.has_telescope()));
+        let turns = match plant.mechanism.plate_turns() {
+            true => PLATE_TURN,
+            false => f64::from(u8::from(plant.mechanism.has_telescope())),
+        };
         let Some([radius, height]) = room(plant) else { return Vec::new() };
         let z = middle(plant);
         let point = |angle: f64, up: f64, psi: f64| {
@@ -335,7 +340,7 @@ impl Bench<'_> {
     /// Fast motions of one axis in both directions, from the largest to the smallest amplitude.
     fn reversals(&self, plant: &Plant, axis: usize) -> Vec<Course> {
         let drive = self.model.drives[axis];
-        let span = if axis < ARMS { 1.0 } else { 3.0 };
+        let span = if axis < plant.mechanism.arms() { 1.0 } else { 3.0 };
         let runs = |size: f64| {
             let amplitude = size * span;
             let acceleration = 0.6 * drive.max_acceleration;
@@ -349,12 +354,13 @@ impl Bench<'_> {
 
     fn to_and_fro(&self, plant: &Plant, axis: usize, size: f64, speeds: Vec<f64>, share: f64) -> ConstantSpeed {
         let held = if plant.assembled { [0.0, 0.0, middle(plant), 0.0] } else { [0.0; AXES] };
-        let centre = match plant.assembled && axis < ARMS {
+        let arms = plant.mechanism.arms();
+        let centre = match plant.assembled && axis < arms {
             true => plant.geometry.inverse(&Vector3::new(0.0, 0.0, held[2]), 0.0).map_or(0.0, |q| q[axis]),
-            false if axis < ARMS => plant.geometry.arm_limits().iter().sum::<f64>() / 2.0,
+            false if axis < arms => plant.geometry.arm_limits().iter().sum::<f64>() / 2.0,
             false => 0.0,
         };
-        let reach = size * if axis < ARMS { 0.5 } else { 1.5 };
+        let reach = size * if axis < arms { 0.5 } else { 1.5 };
         ConstantSpeed {
             axis,
             pose: held,

@@ -3,8 +3,9 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::dynamics::SocketLoads;
+use crate::kinematics::motion::MAX_SOCKETS;
 use crate::kinematics::{JointState, Motion, PlatformState, Reactions, SocketSet};
-use crate::machine::{ARMS, AXES, Geometry, STRUTS};
+use crate::machine::{AXES, Geometry, MAX_LIMBS, MAX_STRUTS};
 use crate::model::Model;
 use crate::twin::Clamps;
 
@@ -18,20 +19,20 @@ pub struct Hemisphere {
 }
 
 /// Number of limits per sample.
-pub const LIMITS: usize = 44;
+pub const LIMITS: usize = HEMISPHERE + 1;
 
 const ARM_HIGH: usize = 0;
-const ARM_LOW: usize = 3;
-const TELESCOPE: usize = 6;
-const HOOKE: usize = 8;
-const SERIAL: usize = 9;
-const PARALLEL: usize = 12;
-const SPEED: usize = 13;
-const ACCELERATION: usize = 17;
-const TORQUE: usize = 21;
-const STRUT_FORCE: usize = 25;
-const SOCKET: usize = 31;
-const HEMISPHERE: usize = 43;
+const ARM_LOW: usize = ARM_HIGH + MAX_LIMBS;
+const TELESCOPE: usize = ARM_LOW + MAX_LIMBS;
+const HOOKE: usize = TELESCOPE + 2;
+const SERIAL: usize = HOOKE + 1;
+const PARALLEL: usize = SERIAL + MAX_LIMBS;
+const SPEED: usize = PARALLEL + 1;
+const ACCELERATION: usize = SPEED + AXES;
+const TORQUE: usize = ACCELERATION + AXES;
+const STRUT_FORCE: usize = TORQUE + AXES;
+const SOCKET: usize = STRUT_FORCE + MAX_STRUTS;
+const HEMISPHERE: usize = SOCKET + MAX_SOCKETS;
 
 /// Kinds of limits by name, with the index range of each.
 pub const KINDS: [(&str, std::ops::Range<usize>); 11] = [
@@ -50,8 +51,10 @@ pub const KINDS: [(&str, std::ops::Range<usize>); 11] = [
 
 /// Least sine of the angle between strut and arm, seen along the motor axis.
 const MIN_SERIAL: f64 = 0.15;
-/// Least volume spanned by the unit vectors along the three struts.
+/// Least volume spanned by the unit vectors along the struts of three limbs; with another plate or number of limbs, least
+/// determinant of the closure over the one at the home pose.
 const MIN_PARALLEL: f64 = 0.05;
+const MIN_CLOSURE: f64 = 0.3;
 /// Share of the range of arm angle and telescope length kept free at either end for the tracking error.
 const ROOM: f64 = 0.01;
 
@@ -66,6 +69,8 @@ pub struct Limits {
     acceleration: [f64; AXES],
     torque: [f64; AXES],
     clamps: Clamps,
+    /// [`Geometry::closure_determinant`] at the home pose.
+    home: f64,
     /// Angle of the Hooke joints at their stops, rad; infinite without.
     hooke: f64,
     axes: usize,
@@ -87,6 +92,7 @@ impl Limits {
             share,
             hemisphere,
             axes: model.mechanism.axes(),
+            home: home(&model.geometry).unwrap_or(1.0),
             speed: model.drives.map(|d| d.max_speed),
             acceleration: model.drives.map(|d| d.max_acceleration),
             torque: model.drives.map(|d| d.max_torque),
@@ -113,14 +119,21 @@ impl Limits {
             (value - 0.5 * (min + max)) / ((0.5 - ROOM) * (max - min)).max(f64::MIN_POSITIVE)
         };
         let mut directions = Matrix3::zeros();
-        for i in 0..ARMS {
-            let share = within(joints.q[i], geometry.arm_limits());
+        for (i, limb) in geometry.limbs.iter().enumerate() {
+            let share = within(joints.q[i], limb.limits);
             (out[ARM_HIGH + i], out[ARM_LOW + i]) = (share, -share);
             let (strut, sine) = geometry.transmission(i, joints.q[i], platform);
-            out[SERIAL + i] = 1.0 + MIN_SERIAL - sine;
-            directions.set_row(i, &strut.transpose());
+            if limb.driven {
+                out[SERIAL + i] = 1.0 + MIN_SERIAL - sine;
+            }
+            if i < directions.nrows() {
+                directions.set_row(i, &strut.transpose());
+            }
         }
-        out[PARALLEL] = 1.0 + MIN_PARALLEL - directions.determinant().abs();
+        out[PARALLEL] = match geometry.has_platform_of_three() {
+            true => 1.0 + MIN_PARALLEL - directions.determinant().abs(),
+            false => 1.0 + MIN_CLOSURE - geometry.closure_determinant(&joints.q, platform) / self.home,
+        };
         if geometry.has_telescope() {
             let length = within(geometry.telescope_length(&platform.position), geometry.telescope_limits);
             (out[TELESCOPE], out[TELESCOPE + 1]) = (length, -length);
@@ -132,10 +145,10 @@ impl Limits {
             out[TORQUE + i] = loads.output.tau[i].abs() / (self.share * self.torque[i]);
         }
         let Reactions { upper, lower } = &loads.output.reactions;
-        for s in 0..STRUTS {
+        for s in 0..motion.struts() {
             out[STRUT_FORCE + s] = upper[s].abs().max(lower[s].abs()) / (self.share * self.clamps.hold[s]);
         }
-        let used = self.clamps.used(&self.clamps.margins(motion, &loads.sockets, SocketSet::ALL));
+        let used = self.clamps.used(&self.clamps.margins(motion, &loads.sockets, SocketSet::of(motion.struts())));
         for (limit, used) in out[SOCKET..HEMISPHERE].iter_mut().zip(used) {
             *limit = used / self.share;
         }
@@ -145,4 +158,10 @@ impl Limits {
         }
         out
     }
+}
+
+/// Determinant of the closure at the home pose; `None` where there is no such pose.
+fn home(geometry: &Geometry) -> Option<f64> {
+    let (joints, platform) = geometry.complete(&JointState::default()).ok()?;
+    Some(geometry.closure_determinant(&joints.q, &platform)).filter(|d| *d != 0.0)
 }

@@ -277,7 +277,8 @@ fn scale(model: &Model, options: &Options) -> Vec<f64> {
             let size = match i {
                 0..3 => (0.2 / (h as f64).sqrt()).min(2.0 / omega),
                 _ if model.mechanism.has_telescope() => 0.25 * options.share * model.drives[3].max_speed / omega,
-                // Without an axis 4, ψ is constant.
+                _ if model.mechanism.plate_turns() => (0.3 / (h as f64).sqrt()).min(10.0 / omega),
+                // Otherwise ψ is constant.
                 _ => 1.0,
             };
             scale.extend([size, size]);

@@ -75,6 +75,13 @@ impl Geometry {
         3 + usize::from(self.plate.turns()) + usize::from(self.driven() < self.limbs.len())
     }
 
+    /// Number of struts beyond those that hold plate and passive arms while the drives are locked: prestress of so many
+    /// combinations of struts does not show outside.
+    pub fn redundant_struts(&self) -> usize {
+        let passive = usize::from(self.driven() < self.limbs.len());
+        (2 * self.limbs.len()).saturating_sub(6 + self.plate.freedoms(0.0).len() + passive)
+    }
+
     /// Determinant of the closure at a pose (m, rad) over the one at ψ = 0 at the same place: 0 where the drives lose the plate.
     /// It is 1 where the plate has no coordinate of its own.
     ///
@@ -89,6 +96,14 @@ impl Geometry {
             Ok(self.rows(&q, &Closed { position: *position, psi, passive: 0.0 }).0.determinant())
         };
         Ok(at(psi)? / at(0.0)?)
+    }
+
+    /// Determinant of the closure at the angles of all arms (rad or m) and the pose of the plate, of its normal matrix where
+    /// there are more limbs than unknowns: zero where the drives lose the plate. Only ratios of it have a meaning.
+    pub fn closure_determinant(&self, q: &[f64], platform: &PlatformState) -> f64 {
+        let passive = self.limbs.iter().position(|limb| !limb.driven).map_or(0.0, |first| q[first]);
+        let at = Closed { position: platform.position, psi: platform.psi[0], passive };
+        self.rows(q, &at).0.determinant()
     }
 
     /// Angles of all arms (rad or m) with those of the passive ones equal to `passive`.

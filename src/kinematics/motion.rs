@@ -111,9 +111,9 @@ pub struct Motion {
     pub telescope: Telescope,
 }
 
-/// Number of ball sockets of three limbs: 0..6 at the elbows (struts 1–6), 6..12 at the platform. With other numbers of
-/// limbs likewise: one per strut at the elbows, then one per strut at the plate.
-pub const SOCKETS: usize = 2 * STRUTS;
+/// Most ball sockets of a machine: one per strut at the elbows, then one per strut at the plate; with three limbs 0..6 and
+/// 6..12.
+pub const MAX_SOCKETS: usize = 2 * MAX_STRUTS;
 
 /// Set of ball sockets, at most two per strut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -121,7 +121,7 @@ pub struct SocketSet(u16);
 
 impl SocketSet {
     /// All twelve sockets of three limbs.
-    pub const ALL: Self = Self((1 << SOCKETS) - 1);
+    pub const ALL: Self = Self((1 << (2 * STRUTS)) - 1);
 
     /// All sockets of a machine with this number of struts.
     pub fn of(struts: usize) -> Self {
@@ -198,6 +198,15 @@ impl Motion {
         match self.arms {
             Joint::Revolute => Screw::turning(self.shaft[limb]),
             Joint::Prismatic => Screw::sliding(self.bodies[arm(limb)].rotation.column(0).into_owned()),
+        }
+    }
+
+    /// The strut at `socket`, and its distance from the upper end of that strut, m.
+    #[inline]
+    pub fn strut_of(&self, socket: usize) -> (usize, f64) {
+        match socket.checked_sub(self.struts()) {
+            None => (socket, 0.0),
+            Some(s) => (s, self.strut_length[s]),
         }
     }
 

@@ -4,8 +4,7 @@ use crate::dynamics::Plant;
 use crate::identification::fit::{FitError, kinematics};
 use crate::identification::prediction::Channels;
 use crate::identification::{Dataset, Residuals, predict};
-use crate::kinematics::motion::SOCKETS;
-use crate::machine::{AXES, Mechanism, STRUTS, Setup};
+use crate::machine::{AXES, Mechanism, Setup};
 use crate::model::Model;
 use crate::recording::{Recording, Signals, sample_time};
 use crate::twin::Clamps;
@@ -38,12 +37,12 @@ pub struct Sample {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loads {
     /// Axial force of largest magnitude at the elbow end of each strut, tension positive, N.
-    pub strut_upper: [f64; STRUTS],
+    pub strut_upper: Vec<f64>,
     /// The same at the platform end.
-    pub strut_lower: [f64; STRUTS],
+    pub strut_lower: Vec<f64>,
     /// Least margin of each ball socket against dislocation, see [`Clamps::margins`], N: six at the elbows, six at the
     /// platform.
-    pub margin: [f64; SOCKETS],
+    pub margin: Vec<f64>,
 }
 
 /// One window of the residual.
@@ -141,12 +140,16 @@ impl Sliding {
 
     /// Loads on struts and sockets over the window.
     fn loads(&self, dataset: &Dataset) -> Result<Option<Loads>, FitError> {
-        if !self.plant.is_closed_delta() {
+        if !self.plant.assembled {
             return Ok(None);
         }
         let clamps = Clamps::watched(&self.model.sockets);
-        let mut loads =
-            Loads { strut_upper: [0.0; STRUTS], strut_lower: [0.0; STRUTS], margin: [f64::INFINITY; SOCKETS] };
+        let struts = self.plant.mechanism.struts();
+        let mut loads = Loads {
+            strut_upper: vec![0.0; struts],
+            strut_lower: vec![0.0; struts],
+            margin: vec![f64::INFINITY; 2 * struts],
+        };
         for k in (0..dataset.len()).step_by((dataset.len() / INSTANTS).max(1)) {
             let motion = self.plant.motion(&dataset.joints[k]);
             let found = motion.and_then(|motion| clamps.along(&self.plant, dataset.t[k], &motion));
@@ -156,7 +159,9 @@ impl Sliding {
             {
                 largest.iter_mut().zip(forces).filter(|(l, f)| f.abs() > l.abs()).for_each(|(l, f)| *l = f);
             }
-            loads.margin.iter_mut().zip(margins).for_each(|(least, margin)| *least = least.min(margin));
+            for s in self.plant.sockets().iter() {
+                loads.margin[s] = loads.margin[s].min(margins[s]);
+            }
         }
         Ok(Some(loads))
     }

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::fmt;
 use std::sync::LazyLock;
 
-use crate::machine::{ARMS, AXES, Mechanism, STRUTS, Unit};
+use crate::machine::{ARMS, AXES, MAX_STRUTS, Mechanism, STRUTS, Unit};
 
 /// A scalar signal. Axes, struts, sockets, coordinates and rows count from 0; the order is that of the columns of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -31,8 +31,10 @@ pub enum Channel {
     EndEffector(usize),
     /// Component x, y, z of the force on the flange from outside, inertial axes, N.
     FlangeForce(usize),
-    /// Remaining force margin of a ball socket (six at the elbows, six at the platform), zero once open, N.
-    SocketMargin(usize),
+    /// Remaining force margin of the ball socket at the elbow end of a strut, zero once open, N.
+    MarginUpper(usize),
+    /// Remaining force margin of the ball socket at the platform end of a strut, zero once open, N.
+    MarginLower(usize),
     /// Multiplier of a constraint row, see [`multiplier_names`]; zero for inactive joints, N or N·m.
     Multiplier(usize),
 }
@@ -87,7 +89,7 @@ pub const ROWS: usize = 74;
 const XYZ: [&str; 3] = ["x", "y", "z"];
 
 /// All families in the order of the columns of a file: a sensor is one row here and one variant of [`Channel`].
-pub const FAMILIES: [Family; 13] = {
+pub const FAMILIES: [Family; 14] = {
     use Channel as C;
     use Count::{Axes, Fixed, Struts};
     const fn row(
@@ -142,10 +144,18 @@ pub const FAMILIES: [Family; 13] = {
         ),
         row(
             "socket margin",
-            C::SocketMargin,
+            C::MarginUpper,
             ("/socket_margins", Field::Effort),
-            (Fixed(2 * STRUTS), true),
-            |s| format!("margin{}_{}", s % STRUTS + 1, if s < STRUTS { "upper" } else { "lower" }),
+            (Struts, true),
+            |s| format!("margin{}_upper", s + 1),
+            Unit::N,
+        ),
+        row(
+            "socket margin",
+            C::MarginLower,
+            ("/socket_margins", Field::Effort),
+            (Struts, true),
+            |s| format!("margin{}_lower", s + 1),
             Unit::N,
         ),
         row(
@@ -170,10 +180,14 @@ fn named(stem: &str, k: usize) -> String {
 impl Family {
     /// Its channels on a machine, in order.
     pub fn channels(&self, machine: Mechanism) -> impl Iterator<Item = Channel> + use<> {
+        self.of_counts(machine.axes(), machine.struts())
+    }
+
+    fn of_counts(&self, axes: usize, struts: usize) -> impl Iterator<Item = Channel> + use<> {
         let of = self.of;
         let count = match self.count {
-            Count::Axes => machine.axes(),
-            Count::Struts => machine.struts(),
+            Count::Axes => axes,
+            Count::Struts => struts,
             Count::Fixed(count) => count,
         };
         (0..count).map(of)
@@ -209,10 +223,17 @@ impl Channel {
             Self::StrutLower(_) => 8,
             Self::EndEffector(_) => 9,
             Self::FlangeForce(_) => 10,
-            Self::SocketMargin(_) => 11,
-            Self::Multiplier(_) => 12,
+            Self::MarginUpper(_) => 11,
+            Self::MarginLower(_) => 12,
+            Self::Multiplier(_) => 13,
         };
         &TABLE[place]
+    }
+
+    /// Margins of the sockets of a machine, in order.
+    pub fn of_sockets(machine: Mechanism) -> Vec<Self> {
+        let struts = || 0..machine.struts();
+        struts().map(Self::MarginUpper).chain(struts().map(Self::MarginLower)).collect()
     }
 
     /// The quantity in comparisons of recordings.
@@ -238,7 +259,8 @@ impl Channel {
             | Self::StrutLower(k)
             | Self::EndEffector(k)
             | Self::FlangeForce(k)
-            | Self::SocketMargin(k)
+            | Self::MarginUpper(k)
+            | Self::MarginLower(k)
             | Self::Multiplier(k) => k,
         }
     }
@@ -246,7 +268,7 @@ impl Channel {
     /// The channel whose column has this name.
     pub fn named(column: &str) -> Option<Self> {
         static NAMES: LazyLock<HashMap<String, Channel>> = LazyLock::new(|| {
-            let all = FAMILIES.iter().flat_map(|family| family.channels(Mechanism::default()));
+            let all = FAMILIES.iter().flat_map(|family| family.of_counts(AXES, MAX_STRUTS));
             all.map(|channel| (channel.to_string(), channel)).collect()
         });
         NAMES.get(column).copied()
@@ -349,7 +371,7 @@ mod tests {
             }
         }
         assert_eq!(seen.len(), 7 * AXES + 2 * STRUTS + 6 + 2 * STRUTS + ROWS);
-        assert_eq!([Channel::named("q5"), Channel::named("strut7_upper"), Channel::named("tau")], [None; 3]);
+        assert_eq!([Channel::named("q5"), Channel::named("strut9_upper"), Channel::named("tau")], [None; 3]);
     }
 
     #[test]

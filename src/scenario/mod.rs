@@ -15,7 +15,7 @@ use nalgebra::Vector3;
 
 use crate::cell::{Object, Shape};
 use crate::effects::{ActiveEffect, find};
-use crate::kinematics::motion::SOCKETS;
+use crate::kinematics::motion::MAX_SOCKETS;
 use crate::machine::{AXES, MAX_STRUTS, Payload, Setup};
 use crate::model::Model;
 
@@ -251,13 +251,13 @@ impl Scenario {
         machine
     }
 
-    /// Dislocation force of each ball socket of `model`, N; 0..6 at the elbows, 6..12 at the platform.
-    pub fn socket_holds(&self, model: &Model) -> [f64; SOCKETS] {
-        self.sockets.holds(model.sockets.dislocation_force, self.seed)
+    /// Dislocation force of each ball socket of `model`, N: one per strut at the elbows, then one per strut at the plate.
+    pub fn socket_holds(&self, model: &Model) -> [f64; MAX_SOCKETS] {
+        self.sockets.holds(model.sockets.dislocation_force, self.seed, model.mechanism)
     }
 
     /// Force that presses each cup of `model` on its ball, N, in the same order.
-    pub fn socket_preloads(&self, model: &Model) -> [f64; SOCKETS] {
-        self.sockets.preloads(model.sockets.preload)
+    pub fn socket_preloads(&self, model: &Model) -> [f64; MAX_SOCKETS] {
+        self.sockets.preloads(model.sockets.preload, model.mechanism)
     }
 }

@@ -20,6 +20,7 @@ use super::state::BodyState;
 use super::wrench::{Load, STILL, Twist};
 use crate::dynamics::Plant;
 use crate::effects::StrutSpring;
+use crate::kinematics::motion::MAX_SOCKETS;
 use crate::kinematics::{BodyMotion, JointState, Motion, Reactions, Screw, SocketSet, Telescope};
 use crate::machine::bodies::{ARM, BODIES, PLATFORM, ROTOR, SLOTS, STRUT, TELESCOPE_LOWER};
 use crate::machine::{ARMS, AXES, Actuator, STRUTS};
@@ -103,7 +104,7 @@ impl Joints {
             stretches: found.stretches,
             multipliers: found.multipliers,
             reactions: Reactions::default(),
-            socket_force: [Vector3::zeros(); 2 * STRUTS],
+            socket_force: [Vector3::zeros(); MAX_SOCKETS],
         };
         match &mut self.solver {
             Solver::Loops(maximal) => {
@@ -307,7 +308,7 @@ pub(super) struct Solution {
     /// Multiplier λ of every row, N or N·m.
     pub multipliers: [f64; ROWS],
     pub reactions: Reactions,
-    pub socket_force: [Vector3<f64>; 2 * STRUTS],
+    pub socket_force: [Vector3<f64>; MAX_SOCKETS],
 }
 
 /// Right-hand side for one step.

@@ -6,12 +6,13 @@
 //! Of an assembled one, with ξ the twists of all bodies per unit rate of each drive, M_b their inertias and w the applied
 //! minus the inertial wrenches at q̈ = 0, (Σ ξᵀ M_b ξ)·q̈ = τ + Σ ξᵀ w.
 
-use nalgebra::Vector4;
+use nalgebra::{Vector3, Vector4};
 
 use super::SingularPose;
 use super::context::Context;
 use super::integrator::{Stage, System};
-use crate::dynamics::{ChannelMap, Plant, Twist, balance, rigid_wrenches};
+use crate::dynamics::{ChannelMap, Plant, Twist, balance, ball_forces, rigid_wrenches};
+use crate::kinematics::motion::MAX_SOCKETS;
 use crate::kinematics::{JointState, Motion};
 use crate::machine::AXES;
 use crate::machine::bodies::SLOTS;
@@ -129,12 +130,19 @@ impl Axes<'_> {
         })
     }
 
-    /// Motion of all bodies at a state, with accelerations.
-    pub fn evaluate(&mut self, t: f64, y: &[f64]) -> Result<Motion, SingularPose> {
+    /// Motion of all bodies at a state, with accelerations, and the forces of the balls on the struts, N.
+    pub fn evaluate(&mut self, t: f64, y: &[f64]) -> Result<(Motion, [Vector3<f64>; MAX_SOCKETS]), SingularPose> {
         let still = motion(&self.context.plant, y, [0.0; AXES])?;
         self.context.prepare(t, y, &still);
         let qdd = self.solve(t, y, &still, &Implicit::default())?;
-        motion(&self.context.plant, y, qdd)
+        let Context { plant, scratch, .. } = &*self.context;
+        let moving = motion(plant, y, qdd)?;
+        let all = total(plant, &moving, self.context.loads());
+        let sockets = match plant.assembled {
+            true => ball_forces(&moving, &all, &scratch.answer.reactions),
+            false => [Vector3::zeros(); MAX_SOCKETS],
+        };
+        Ok((moving, sockets))
     }
 
     fn implicit(&mut self, t: f64, y: &[f64], sum: &[f64], g: f64) -> Implicit {

@@ -19,7 +19,7 @@ use super::torque::Torque;
 use super::wrench::{Load, STILL, Twist};
 use super::{SingularPose, energy};
 use crate::dynamics::Plant;
-use crate::kinematics::motion::SOCKETS;
+use crate::kinematics::motion::MAX_SOCKETS;
 use crate::kinematics::{BodyMotion, KinematicsError, Motion, Reactions, SocketSet};
 use crate::machine::bodies::{END_EFFECTOR, SLOTS};
 use crate::machine::{ARMS, AXES, Inertia};
@@ -37,7 +37,7 @@ pub struct Snapshot {
     /// Axial strut forces, N.
     pub reactions: Reactions,
     /// Force on each strut at its sockets (six upper, six lower), N, inertial axes.
-    pub sockets: [Vector3<f64>; SOCKETS],
+    pub sockets: [Vector3<f64>; MAX_SOCKETS],
     /// Applied wrenches on all bodies, including the drive torques.
     wrenches: [Twist; SLOTS],
     /// Multiplier λ of every row; `None` in the eliminated formulation.
@@ -244,8 +244,8 @@ impl Twin {
                 (motion, solution.reactions, solution.socket_force)
             }
             Form::Axes => {
-                let motion = Axes { context }.evaluate(*t, y)?;
-                (motion, context.scratch.answer.reactions, [Vector3::zeros(); SOCKETS])
+                let (motion, sockets) = Axes { context }.evaluate(*t, y)?;
+                (motion, context.scratch.answer.reactions, sockets)
             }
         };
         let mut wrenches = *self.context.loads();

@@ -40,7 +40,7 @@ use super::SingularPose;
 use super::constraints::ROWS;
 use super::state::{BodyState, rotation};
 use crate::dynamics::Plant;
-use crate::kinematics::motion::SOCKETS;
+use crate::kinematics::motion::MAX_SOCKETS;
 use crate::kinematics::{BodyMotion, Reactions, SocketSet};
 use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, SLOTS, STRUT, TELESCOPE_LOWER};
 use crate::machine::{Bodies, Inertia, STRUTS};
@@ -302,9 +302,13 @@ impl MaximalCoordinates {
     }
 
     /// Force on the strut at each socket from the last solution, N, inertial axes; zero where open.
-    pub fn socket_forces(&self) -> [Vector3<f64>; SOCKETS] {
+    pub fn socket_forces(&self) -> [Vector3<f64>; MAX_SOCKETS] {
         let lambda = &self.0.solution.multipliers;
-        std::array::from_fn(|k| -Vector3::from_fn(|i, _| lambda[socket(k) + i]))
+        let mut out = [Vector3::zeros(); MAX_SOCKETS];
+        for (k, force) in out.iter_mut().enumerate().take(2 * STRUTS) {
+            *force = -Vector3::from_fn(|i, _| lambda[socket(k) + i]);
+        }
+        out
     }
 
     /// Axial strut forces from the last solution, tension positive, N; `bodies` as passed to it.

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::wrench::Twist;
 use crate::dynamics::{Plant, inertial_wrench};
 use crate::kinematics::Motion;
-use crate::kinematics::motion::SOCKETS;
+use crate::kinematics::motion::MAX_SOCKETS;
 use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::machine::{ARMS, STRUTS};
 
@@ -16,7 +16,7 @@ use crate::machine::{ARMS, STRUTS};
 #[derive(Clone, Copy, Debug)]
 pub struct JointReactions {
     /// Twelve ball sockets (six upper, six lower), ball on strut: 36.
-    pub sockets: [Vector3<f64>; SOCKETS],
+    pub sockets: [Vector3<f64>; MAX_SOCKETS],
     /// Bearings of the arms, frame on arm, at the shaft, without the drive torque: 3 · 5.
     pub arms: [Twist; ARMS],
     /// Bearing of the rotor, frame on rotor, at the upper Hooke joint, without the drive torque: 5.
@@ -34,7 +34,7 @@ pub struct JointReactions {
 impl JointReactions {
     /// Reactions from the accelerations in `motion`, the applied `wrenches` (effects, drives and contacts, about the
     /// bodies' origins, inertial axes) and the socket forces (N).
-    pub fn new(plant: &Plant, motion: &Motion, wrenches: &[Twist], sockets: &[Vector3<f64>; SOCKETS]) -> Self {
+    pub fn new(plant: &Plant, motion: &Motion, wrenches: &[Twist], sockets: &[Vector3<f64>; MAX_SOCKETS]) -> Self {
         let gravity = plant.gravity_vector();
         let demand = |b: usize| -> Twist {
             let (force, moment) = inertial_wrench(&plant.bodies[b], &motion.bodies[b], &gravity);

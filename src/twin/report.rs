@@ -6,7 +6,7 @@ use thiserror::Error;
 use super::contacts::{ContactBody, ContactWork, Touch};
 use super::trace::{Dislocation, Impact, Sample, TripCause};
 use crate::cell::CellError;
-use crate::kinematics::motion::SOCKETS;
+use crate::kinematics::motion::MAX_SOCKETS;
 use crate::kinematics::{KinematicsError, Reactions, SocketSet};
 use crate::machine::bodies::{END_EFFECTOR, SLOTS};
 use crate::machine::{AXES, MAX_STRUTS};
@@ -29,7 +29,7 @@ pub struct Frame {
     /// Axial forces at the elbow ends and at the platform ends of the struts, tension positive, N.
     pub strut_force: [[f64; MAX_STRUTS]; 2],
     /// Remaining force margin of each socket, N; zero once open.
-    pub socket_margin: [f64; SOCKETS],
+    pub socket_margin: [f64; MAX_SOCKETS],
     /// Contacts of the robot since the previous frame: of every pair the strongest.
     pub contacts: Vec<Touch>,
 }
@@ -104,8 +104,8 @@ pub struct Report {
     pub energy_error: f64,
     /// Largest absolute axial strut force at any sample or dislocation, N.
     pub peak_strut_force: f64,
-    /// Smallest margin of every socket while closed, N.
-    pub min_margin: [f64; SOCKETS],
+    /// Smallest margin of every socket while closed, N; infinite where there is none.
+    pub min_margin: [f64; MAX_SOCKETS],
     /// Largest difference between desired and actual joint angle before the drives trip, rad.
     pub tracking_error: [f64; AXES],
     /// Events in order of time.
@@ -142,7 +142,7 @@ impl Default for Report {
             max_loop_rate: 0.0,
             energy_error: 0.0,
             peak_strut_force: 0.0,
-            min_margin: [f64::INFINITY; SOCKETS],
+            min_margin: [f64::INFINITY; MAX_SOCKETS],
             tracking_error: [0.0; AXES],
             events: Vec::new(),
             dislocations: Vec::new(),

@@ -7,7 +7,7 @@ use rand_distr::{Distribution, Normal};
 use super::Snapshot;
 use super::constraints::ROWS;
 use super::controller::quantised;
-use crate::kinematics::motion::SOCKETS;
+use crate::kinematics::motion::MAX_SOCKETS;
 use crate::machine::{AXES, Setup};
 use crate::model::Model;
 use crate::recording::{Channel, FAMILIES, Signals};
@@ -22,7 +22,7 @@ pub(super) struct Reading<'a> {
     /// State of the machine.
     pub snapshot: &'a Snapshot,
     /// Remaining force margins of the sockets, N.
-    pub margins: &'a [f64; SOCKETS],
+    pub margins: &'a [f64; MAX_SOCKETS],
     /// Load of a single axis, N·m or N.
     pub load: f64,
     /// Multipliers of the constraint rows, if they are recorded.
@@ -79,7 +79,7 @@ impl<'a> Sensors<'a> {
             Channel::EndEffector(_) => fitted.ee && *assembled,
             Channel::Rate(_) => fitted.velocity,
             Channel::Acceleration(_) => fitted.acceleration,
-            Channel::SocketMargin(_) => fitted.sockets,
+            Channel::MarginUpper(_) | Channel::MarginLower(_) => fitted.sockets,
             Channel::Multiplier(_) => fitted.multipliers,
             Channel::LinkAngle(_) | Channel::LinkRate(_) => fitted.links,
             Channel::Load(axis) => fitted.load && axis == 0 && model.mechanism.axes() == 1,
@@ -104,7 +104,8 @@ impl<'a> Sensors<'a> {
                 Channel::StrutUpper(s) => snapshot.reactions.upper[s],
                 Channel::StrutLower(s) => snapshot.reactions.lower[s],
                 Channel::EndEffector(k) => snapshot.motion.origin(&self.model.geometry.plate)[k],
-                Channel::SocketMargin(s) => margins[s],
+                Channel::MarginUpper(s) => margins[s],
+                Channel::MarginLower(s) => margins[self.model.mechanism.struts() + s],
                 Channel::Multiplier(row) => multipliers.map_or(0.0, |lambda| lambda[row]),
                 Channel::Load(_) => *load,
                 Channel::FlangeForce(_) => 0.0,

@@ -20,7 +20,7 @@ use super::{
     constraints, energy,
 };
 use crate::dynamics::Plant;
-use crate::kinematics::motion::SOCKETS;
+use crate::kinematics::motion::MAX_SOCKETS;
 use crate::kinematics::{JointState, Motion, Target};
 use crate::machine::bodies::{END_EFFECTOR, PLATFORM, SLOTS};
 use crate::machine::{AXES, Configuration, Inertia, Mechanism, STRUTS, Setup, Unit};
@@ -274,7 +274,7 @@ impl<'a> Run<'a> {
         SimulationError::Singular { t, pose: pose(&motion, self.twin.plant().assembled), cause }
     }
 
-    fn watch(&mut self, snapshot: &Snapshot, margins: &[f64; SOCKETS]) {
+    fn watch(&mut self, snapshot: &Snapshot, margins: &[f64; MAX_SOCKETS]) {
         let closed = self.twin.closed();
         let plant = self.twin.plant();
         // The length of an elastic strut is not a constraint.
@@ -295,8 +295,7 @@ impl<'a> Run<'a> {
             }
         }
         report.see_strut_forces(&snapshot.reactions);
-        // Margins are known of three limbs.
-        for s in closed.iter().filter(|&s| s < SOCKETS) {
+        for s in closed.iter() {
             report.min_margin[s] = report.min_margin[s].min(margins[s]);
         }
     }
@@ -395,7 +394,7 @@ impl<'a> Run<'a> {
         self.options.frames.or(self.options.watcher.as_ref().map(|watcher| watcher.spacing))
     }
 
-    fn keep_frame(&mut self, t: f64, snapshot: &Snapshot, margins: &[f64; SOCKETS]) {
+    fn keep_frame(&mut self, t: f64, snapshot: &Snapshot, margins: &[f64; MAX_SOCKETS]) {
         let watcher = self.options.watcher.as_ref();
         let Some(spacing) = self.spacing() else { return };
         if t + INSTANT < self.frames as f64 * spacing {
@@ -428,7 +427,7 @@ impl<'a> Run<'a> {
     }
 
     /// Keeps the loads of a sample until the drives trip.
-    fn trace(&mut self, t: f64, snapshot: &Snapshot, margins: &[f64; SOCKETS]) {
+    fn trace(&mut self, t: f64, snapshot: &Snapshot, margins: &[f64; MAX_SOCKETS]) {
         if !self.options.trace || self.tripped {
             return;
         }

@@ -20,18 +20,18 @@
 use nalgebra::Vector3;
 
 use crate::dynamics::{Output, Plant, SocketLoads, steady_socket_loads};
-use crate::kinematics::motion::SOCKETS;
+use crate::kinematics::motion::MAX_SOCKETS;
 use crate::kinematics::{KinematicsError, Motion, SocketSet};
-use crate::machine::bodies::STRUT;
-use crate::machine::{STRUTS, Sockets};
+use crate::machine::Sockets;
+use crate::machine::bodies::strut;
 
-/// Clamps of the cups; 0..6 at the elbows, 6..12 at the platform.
+/// Clamps of the cups: one per strut at the elbows, then one per strut at the plate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clamps {
     /// Lateral force at which each socket dislocates under zero load along the opening, N: tan α·P.
-    pub hold: [f64; SOCKETS],
+    pub hold: [f64; MAX_SOCKETS],
     /// Preload P of each cup on its ball, N.
-    pub preload: [f64; SOCKETS],
+    pub preload: [f64; MAX_SOCKETS],
     /// Share of the clamp's own lateral force that counts against the hold force, see [`Sockets::clamp_share`].
     pub share: f64,
     /// Whether sockets dislocate; otherwise margins are only reported.
@@ -51,8 +51,8 @@ impl Clamps {
     /// Healthy clamps of a machine, not armed.
     pub fn watched(sockets: &Sockets) -> Self {
         Self {
-            hold: [sockets.dislocation_force; SOCKETS],
-            preload: [sockets.preload; SOCKETS],
+            hold: [sockets.dislocation_force; MAX_SOCKETS],
+            preload: [sockets.preload; MAX_SOCKETS],
             share: sockets.clamp_share,
             armed: false,
         }
@@ -60,14 +60,22 @@ impl Clamps {
 
     /// Clamps of a machine without struts, with infinite hold force.
     pub fn none() -> Self {
-        Self { hold: [f64::INFINITY; SOCKETS], preload: [f64::INFINITY; SOCKETS], share: 0.0, armed: false }
+        Self { hold: [f64::INFINITY; MAX_SOCKETS], preload: [f64::INFINITY; MAX_SOCKETS], share: 0.0, armed: false }
     }
 
-    /// Remaining lateral force margin of each socket, N: tan α·(−C·n) − |C⊥|; zero once open.
+    /// Remaining lateral force margin of each socket, N: tan α·(−C·n) − |C⊥|; zero once open, and the hold where there is none.
     ///
     /// `force` is that of the ball on the strut's cup without the clamps' own, inertial axes, N.
-    pub fn margins(&self, motion: &Motion, force: &[Vector3<f64>; SOCKETS], closed: SocketSet) -> [f64; SOCKETS] {
+    pub fn margins(
+        &self,
+        motion: &Motion,
+        force: &[Vector3<f64>; MAX_SOCKETS],
+        closed: SocketSet,
+    ) -> [f64; MAX_SOCKETS] {
         std::array::from_fn(|s| {
+            if s >= 2 * motion.struts() {
+                return self.hold[s];
+            }
             if !closed.contains(s) {
                 return 0.0;
             }
@@ -86,17 +94,22 @@ impl Clamps {
     ///
     /// # Errors
     /// Those of [`steady_socket_loads`].
-    pub fn along(&self, plant: &Plant, t: f64, motion: &Motion) -> Result<(Output, [f64; SOCKETS]), KinematicsError> {
+    pub fn along(
+        &self,
+        plant: &Plant,
+        t: f64,
+        motion: &Motion,
+    ) -> Result<(Output, [f64; MAX_SOCKETS]), KinematicsError> {
         let SocketLoads { output, sockets } = steady_socket_loads(plant, t, motion)?;
-        Ok((output, self.margins(motion, &sockets, SocketSet::ALL)))
+        Ok((output, self.margins(motion, &sockets, plant.sockets())))
     }
 
     /// Share of its hold that each socket uses where `margins` (N) are left, 1 at the limit; 1 without hold, 0 with an
     /// infinite one.
-    pub fn used(&self, margins: &[f64; SOCKETS]) -> [f64; SOCKETS] {
-        std::array::from_fn(|s| match self.hold[s] {
-            f64::INFINITY => 0.0,
-            hold if hold > 0.0 => 1.0 - margins[s] / hold,
+    pub fn used(&self, margins: &[f64]) -> [f64; MAX_SOCKETS] {
+        std::array::from_fn(|s| match (self.hold[s], margins.get(s)) {
+            (f64::INFINITY, _) | (_, None) => 0.0,
+            (hold, Some(margin)) if hold > 0.0 => 1.0 - margin / hold,
             _ => 1.0,
         })
     }
@@ -133,27 +146,25 @@ impl Clamps {
 ///
 /// The first strut of a pair is at +v, so that its cups open along −y.
 fn opening(motion: &Motion, socket: usize) -> Vector3<f64> {
-    let strut = socket % STRUTS;
-    motion.bodies[STRUT + strut].rotation.column(1) * if strut.is_multiple_of(2) { -1.0 } else { 1.0 }
+    let (s, _) = motion.strut_of(socket);
+    motion.bodies[strut(s)].rotation.column(1) * if s.is_multiple_of(2) { -1.0 } else { 1.0 }
 }
 
 /// Centre of the ball of a socket in the inertial frame, m.
 fn ball(motion: &Motion, socket: usize) -> Vector3<f64> {
-    let strut = socket % STRUTS;
-    let along = if socket < STRUTS { 0.0 } else { motion.strut_length[strut] };
-    motion.bodies[STRUT + strut].position + motion.strut_axis[strut] * along
+    let (s, along) = motion.strut_of(socket);
+    motion.bodies[strut(s)].position + motion.strut_axis[s] * along
 }
 
 /// The socket that shares the clamp spring of `socket`: the other strut of the pair at the same end.
 pub fn partner(socket: usize) -> usize {
-    let (end, strut) = (socket / STRUTS, socket % STRUTS);
-    end * STRUTS + (strut ^ 1)
+    socket ^ 1
 }
 
-/// Printed name, e.g. `strut 3 upper`.
-pub fn socket_name(socket: usize) -> String {
-    let end = if socket < STRUTS { "upper" } else { "lower" };
-    format!("strut {} {end}", socket % STRUTS + 1)
+/// Printed name of a socket of a machine with this number of struts, e.g. `strut 3 upper`.
+pub fn socket_name(socket: usize, struts: usize) -> String {
+    let end = if socket < struts { "upper" } else { "lower" };
+    format!("strut {} {end}", socket % struts.max(1) + 1)
 }
 
 #[cfg(test)]
@@ -165,7 +176,7 @@ mod tests {
         Sockets { ball_radius: 0.0095, preload: 100.0, dislocation_force: 200.0, clamp_share: 0.0, spin_damping: 0.0 };
 
     fn margin(clamps: &Clamps, motion: &Motion, socket: usize, force: [f64; 3]) -> f64 {
-        let mut all = [Vector3::zeros(); SOCKETS];
+        let mut all = [Vector3::zeros(); MAX_SOCKETS];
         all[socket] = force.into();
         clamps.margins(motion, &all, SocketSet::ALL)[socket]
     }
@@ -192,7 +203,7 @@ mod tests {
     #[test]
     fn an_open_socket_has_no_margin() {
         let clamps = Clamps::watched(&SOCKETS_OF_A_MODEL);
-        let margins = clamps.margins(&testing::still(), &[Vector3::zeros(); SOCKETS], SocketSet::ALL.without(5));
+        let margins = clamps.margins(&testing::still(), &[Vector3::zeros(); MAX_SOCKETS], SocketSet::ALL.without(5));
         assert_eq!((margins[0], margins[5]), (200.0, 0.0));
     }
 
@@ -205,7 +216,7 @@ mod tests {
         for (s, side) in [(0, 0.05), (1, -0.05)] {
             let x = Vector3::new(cos, sin, 0.0);
             let y = Vector3::new(-sin, cos, 0.0);
-            let strut = &mut motion.bodies[STRUT + s];
+            let strut = &mut motion.bodies[strut(s)];
             strut.position = Vector3::new(0.0, side, 0.0);
             strut.rotation = nalgebra::Matrix3::from_columns(&[x, y, Vector3::z()]);
             (motion.strut_axis[s], motion.strut_length[s]) = (x, 1.106);
@@ -229,7 +240,7 @@ mod tests {
     fn partner_loses_its_hold() {
         let mut clamps = Clamps::watched(&SOCKETS_OF_A_MODEL);
         clamps.release(7);
-        let held: Vec<usize> = (0..SOCKETS).filter(|&s| clamps.hold[s] > 0.0 && clamps.preload[s] > 0.0).collect();
+        let held: Vec<usize> = (0..12).filter(|&s| clamps.hold[s] > 0.0 && clamps.preload[s] > 0.0).collect();
         assert_eq!(held, [0, 1, 2, 3, 4, 5, 8, 9, 10, 11]);
         // A cup without clamp force dislocates under any load that does not seat it.
         let motion = testing::still();

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::contacts::ContactBody;
-use crate::kinematics::motion::SOCKETS;
+use crate::kinematics::motion::MAX_SOCKETS;
 use crate::machine::{AXES, MAX_STRUTS};
 
 /// Loads and errors at one sample, kept by [`super::Options::trace`] until the drives trip.
@@ -28,7 +28,7 @@ pub struct Sample {
     /// Axial forces at the elbow and platform ends of the struts, tension positive, N.
     pub strut_force: [[f64; MAX_STRUTS]; 2],
     /// Force margin of every ball socket, N.
-    pub margin: [f64; SOCKETS],
+    pub margin: [f64; MAX_SOCKETS],
 }
 
 /// A ball socket that left its ball.

@@ -42,7 +42,8 @@ fn run(n: usize) -> Recording {
     set(Channel::EndEffector(0), &|t| 0.1 * t.sin());
     set(Channel::EndEffector(1), &|_| 0.2);
     set(Channel::EndEffector(2), &|t| -1.0 / (2.0 + t));
-    (0..12).for_each(|s| set(Channel::SocketMargin(s), &|t| margin(s, t)));
+    let sockets = Channel::of_sockets(Mechanism::default()).into_iter().enumerate();
+    sockets.for_each(|(s, channel)| set(channel, &|t| margin(s, t)));
     (0..ROWS).for_each(|row| set(Channel::Multiplier(row), &|t| (row as f64 + 9.0 * t).sin()));
     set(Channel::StrutUpper(0), &|t| 30.0 * (5.0 * t).sin());
     set(Channel::StrutLower(5), &|t| 1e-7 - t);
@@ -773,16 +774,16 @@ fn socket_margins_come_all_together_or_not_at_all() {
 
     fs::write(&path, text.replacen("margin3_lower", "margin9_lower", 1)).unwrap();
     let (recording, warnings) = read(&path);
-    assert_eq!(recording.signals.get(Channel::SocketMargin(0)), None);
+    assert_eq!(recording.signals.get(Channel::MarginLower(0)), None);
     let has = |parts: &[&str]| warnings.iter().any(|w| parts.iter().all(|part| w.contains(part)));
     assert!(has(&["unknown columns ignored", "`margin9_lower`"]), "{warnings:?}");
-    assert!(has(&["`margin1_upper` ignored", "needs `margin3_lower`"]), "{warnings:?}");
+    assert!(has(&["`margin1_lower` ignored", "needs `margin3_lower`"]), "{warnings:?}");
 
     // They go where the samples go: a gap splits.
     let gap: Vec<&str> = text.lines().enumerate().filter(|(i, _)| !(500..600).contains(i)).map(|(_, l)| l).collect();
     fs::write(&path, gap.join("\n")).unwrap();
     let s = read(&path).0.signals;
-    let margins = |s: &Signals| s.rows::<12>(Channel::SocketMargin).iter().collect::<Vec<_>>();
+    let margins = |s: &Signals| s.rows::<6>(Channel::MarginLower).iter().collect::<Vec<_>>();
     let all = margins(&whole.signals);
     assert_eq!(s.segments.len(), 2);
     assert_eq!(margins(&s), [&all[..499], &all[599..]].concat());
@@ -794,12 +795,12 @@ fn socket_margins_come_all_together_or_not_at_all() {
     let t = shaken.signals.t.clone();
     let q: Vec<[f64; 4]> = t.iter().map(|&t| std::array::from_fn(|k| angle(k, t))).collect();
     shaken.signals.set_rows(Channel::Angle, &q);
-    let smooth: Vec<_> = t.iter().map(|&t| [100.0 + 50.0 * (6.0 * t).sin(); 12]).collect();
-    shaken.signals.set_rows(Channel::SocketMargin, &smooth);
+    let smooth: Vec<_> = t.iter().map(|&t| [100.0 + 50.0 * (6.0 * t).sin(); 6]).collect();
+    shaken.signals.set_rows(Channel::MarginLower, &smooth);
     recording::write(&shaken, &path).unwrap();
     let s = read(&path).0.signals;
     for (t, m) in s.t.iter().zip(margins(&s)) {
-        assert!((m[11] - 100.0 - 50.0 * (6.0 * t).sin()).abs() < 1e-6, "at {t}");
+        assert!((m[5] - 100.0 - 50.0 * (6.0 * t).sin()).abs() < 1e-6, "at {t}");
     }
 }
 
@@ -809,7 +810,7 @@ fn constant_margins_are_not_remarked() {
     let folder = folder();
     let path = folder.path().join("run.mcap");
     let mut written = run(300);
-    written.signals.get_mut(Channel::SocketMargin(3)).unwrap().fill(0.0);
+    written.signals.get_mut(Channel::MarginUpper(3)).unwrap().fill(0.0);
     recording::write(&written, &path).unwrap();
     let (back, warnings) = read(&path);
     assert_eq!(back, written);

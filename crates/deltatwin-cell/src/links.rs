@@ -6,7 +6,6 @@ use deltatwin::cell::links::{
 };
 use deltatwin::cell::{Mobility, Object, Shape, Surface};
 use deltatwin::kinematics::SocketSet;
-use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use deltatwin::machine::{ARMS, Actuator, Geometry, STRUTS};
 use nalgebra::{Matrix3, Vector3};
@@ -143,7 +142,7 @@ pub fn can_meet(a: usize, b: usize, closed: SocketSet) -> bool {
             let (s, t) = (a - STRUT, b - STRUT);
             s / 2 != t / 2 || ![s, t, s + STRUTS, t + STRUTS].into_iter().all(|socket| closed.contains(socket))
         }
-        (_, PLATFORM | END_EFFECTOR) if is_strut(a) => !closed.contains(a - STRUT + SOCKETS - STRUTS),
+        (_, PLATFORM | END_EFFECTOR) if is_strut(a) => !closed.contains(a - STRUT + STRUTS),
         (_, TELESCOPE_UPPER | TELESCOPE_LOWER) => is_strut(a),
         _ => false,
     }

@@ -42,7 +42,7 @@ pub(crate) type Checked<T> = std::result::Result<T, Problem>;
 pub(crate) struct Interval<'a>(pub f64, pub f64, pub &'a str);
 
 impl Interval<'_> {
-    fn contains(&self, value: f64) -> bool {
+    pub(crate) fn contains(&self, value: f64) -> bool {
         (self.0..=self.1).contains(&value)
     }
 }

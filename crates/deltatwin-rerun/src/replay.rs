@@ -12,7 +12,7 @@ use crate::scene::{self, After, Assets, Live, Scene, Series, Viewer, measured, w
 use crate::sigma::{BLOCK, LEGEND, in_sigma, means};
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::{Dataset, Residuals, predict};
-use deltatwin::kinematics::motion::SOCKETS;
+use deltatwin::kinematics::motion::MAX_SOCKETS;
 use deltatwin::kinematics::{JointState, KinematicsError};
 use deltatwin::machine::bodies::SLOTS;
 use deltatwin::machine::{AXES, Unit};
@@ -251,8 +251,8 @@ fn used(
     plant: &Plant,
     dataset: &Dataset,
     frames: &[usize],
-) -> Result<Option<Vec<[f64; SOCKETS]>>, KinematicsError> {
-    if !plant.is_closed_delta() {
+) -> Result<Option<Vec<[f64; MAX_SOCKETS]>>, KinematicsError> {
+    if !plant.assembled {
         return Ok(None);
     }
     let clamps = Clamps::watched(&model.sockets);

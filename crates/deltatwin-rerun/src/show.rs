@@ -10,7 +10,7 @@ use crate::scene::{
 };
 use deltatwin::dynamics::Plant;
 use deltatwin::machine::bodies::SLOTS;
-use deltatwin::machine::{Part, STRUTS};
+use deltatwin::machine::{MAX_STRUTS, Part};
 use deltatwin::recording::{Channel, Recording, Signals};
 use deltatwin::scenario::DesiredMotion;
 use deltatwin::twin::origin::note;
@@ -50,12 +50,9 @@ impl Stage {
         let Self { plant, options, .. } = self;
         let times = frames.iter().map(|f| f.t).collect();
         let mut scene = Scene::new(plant.mechanism, &plant.geometry, times, frames.iter().map(|f| f.bodies).collect());
-        // What sockets hold is known of three limbs.
-        if plant.is_closed_delta() || !plant.assembled {
-            scene.loose = Some(frames.iter().map(loose).collect());
-            scene.used =
-                options.clamps.as_ref().map(|clamps| frames.iter().map(|f| clamps.used(&f.socket_margin)).collect());
-        }
+        scene.loose = Some(frames.iter().map(|frame| loose(frame, plant.mechanism.struts())).collect());
+        scene.used =
+            options.clamps.as_ref().map(|clamps| frames.iter().map(|f| clamps.used(&f.socket_margin)).collect());
         scene.payload = options.payload_shape.clone().map(|p| (p.shape, p.centre));
         let thing = |(i, object)| Thing { object, poses: frames.iter().map(|f| f.objects[i]).collect() };
         scene.things = options.objects.iter().enumerate().map(thing).collect();
@@ -97,9 +94,9 @@ impl Stage {
                 }
             }
         }
-        if self.plant.is_closed_delta() && signals.get(Channel::SocketMargin(0)).is_none() {
-            let margins: Vec<_> = frames.iter().map(|f| f.socket_margin).collect();
-            series.push(socket_margins(&times, &margins));
+        if self.plant.assembled && signals.get(Channel::MarginLower(0)).is_none() {
+            let margins: Vec<_> = frames.iter().map(|f| &f.socket_margin[..]).collect();
+            series.push(socket_margins(&times, self.plant.mechanism.struts(), &margins));
         }
         series
     }
@@ -115,8 +112,8 @@ fn touches(frame: &Frame) -> Vec<Contact> {
 }
 
 /// Struts with an open socket.
-fn loose(frame: &Frame) -> [bool; STRUTS] {
-    std::array::from_fn(|s| !(frame.closed.contains(s) && frame.closed.contains(STRUTS + s)))
+fn loose(frame: &Frame, struts: usize) -> [bool; MAX_STRUTS] {
+    std::array::from_fn(|s| s < struts && !(frame.closed.contains(s) && frame.closed.contains(struts + s)))
 }
 
 #[cfg(test)]
@@ -145,8 +142,8 @@ mod tests {
         let frames = &report.frames;
         assert_eq!(frames.len(), 28);
         assert!(frames.iter().enumerate().all(|(k, f)| (f.t - 0.01 * k as f64).abs() < 1e-9 && f.objects.len() == 2));
-        assert_eq!(loose(&frames[22]), [false; STRUTS]);
-        assert_eq!(loose(&frames[27]), [false, false, true, true, true, true]);
+        assert_eq!(loose(&frames[22], 6), [false; MAX_STRUTS]);
+        assert_eq!(loose(&frames[27], 6)[..6], [false, false, true, true, true, true]);
         assert_eq!((frames[27].socket_margin[8], frames[27].strut_force[1][2]), (0.0, 0.0));
 
         let folder = tempfile::tempdir().unwrap();

@@ -172,7 +172,7 @@ mod tests {
     use crate::scene::Assets;
     use deltatwin::dynamics::Plant;
     use deltatwin::kinematics::SocketSet;
-    use deltatwin::kinematics::motion::SOCKETS;
+    use deltatwin::kinematics::motion::MAX_SOCKETS;
     use deltatwin::machine::bodies::SLOTS;
     use deltatwin::machine::{AXES, MAX_STRUTS, Setup};
     use deltatwin::twin::Options;
@@ -186,7 +186,7 @@ mod tests {
             objects: Vec::new(),
             closed: SocketSet::ALL,
             strut_force: [[0.0; MAX_STRUTS]; 2],
-            socket_margin: [0.0; SOCKETS],
+            socket_margin: [0.0; MAX_SOCKETS],
             contacts: Vec::new(),
         }
     }

@@ -144,7 +144,7 @@ impl Shown {
         }));
         scene.residual = Some(in_sigma(&means, healthy));
         if let Some(loads) = &window.loads {
-            scene.series.push(socket_margins(&[window.t[1]], &[loads.margin]));
+            scene.series.push(socket_margins(&[window.t[1]], self.plant.mechanism.struts(), &[&loads.margin]));
             scene.used = Some(vec![self.clamps.used(&loads.margin); frames.len()]);
         }
         scene

@@ -34,7 +34,7 @@ use super::wrench::Twist;
 use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, StrutSpring};
 use crate::kinematics::Reactions;
-use crate::kinematics::motion::SOCKETS;
+use crate::kinematics::motion::MAX_SOCKETS;
 use crate::machine::bodies::{END_EFFECTOR, Inertia, PLATFORM, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::machine::{ARMS, Geometry, STRUTS};
 
@@ -86,7 +86,7 @@ pub(super) struct Solution {
     /// Axial strut forces at the balls.
     pub reactions: Reactions,
     /// Force on each strut at its sockets (six upper, six lower), N, inertial axes.
-    pub socket_force: [Vector3<f64>; SOCKETS],
+    pub socket_force: [Vector3<f64>; MAX_SOCKETS],
 }
 
 impl Solution {
@@ -96,7 +96,7 @@ impl Solution {
             nu_rate: OpenVector::zeros(),
             spin_rate: [0.0; STRUTS],
             reactions: Reactions::default(),
-            socket_force: [Vector3::zeros(); SOCKETS],
+            socket_force: [Vector3::zeros(); MAX_SOCKETS],
         }
     }
 

@@ -15,7 +15,6 @@ use nalgebra::Vector3;
 
 use super::factor::{Six, add};
 use super::rows::*;
-use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{BodyMotion, SocketSet};
 use crate::machine::bodies::{BODIES, SLOTS, STRUT};
 use crate::machine::{Inertia, STRUTS};
@@ -169,6 +168,5 @@ pub(super) fn rates(
 }
 
 fn at_ball(lambda: &[f64; ROWS], s: usize) -> Vector3<f64> {
-    const { assert!(SOCKETS == 2 * STRUTS) };
     Vector3::from_fn(|k, _| lambda[socket(STRUTS + s) + k])
 }

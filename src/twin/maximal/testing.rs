@@ -58,7 +58,7 @@ pub(super) struct JointReactions {
     /// Bearing of motor 4: on the rotor.
     pub(super) rotor: Pair,
     /// Ball sockets (elbows, then platform): force on the strut.
-    pub(super) sockets: [Vector3<f64>; SOCKETS],
+    pub(super) sockets: [Vector3<f64>; MAX_SOCKETS],
     /// Revolute joint on the platform: on the end effector.
     pub(super) pivot: Pair,
     /// Rotor on upper telescope part.

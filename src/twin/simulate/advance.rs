@@ -251,7 +251,7 @@ impl Run<'_> {
                 EventKind::Dislocation,
                 format!(
                     "{}: {:.3} N across, hold {left:.3} of {hold:.1} N, pull {:.1} N",
-                    socket_name(socket),
+                    socket_name(socket, self.twin.plant().mechanism.struts()),
                     load.across,
                     load.pull
                 ),

@@ -50,7 +50,7 @@ impl<'a> Run<'a> {
             }
         }
         let contacts = contacts(options, &plant, &motion).map_err(|reason| SimulationError::Cell { t: 0.0, reason })?;
-        let (assembled, closed) = (plant.assembled, plant.is_closed_delta());
+        let assembled = plant.assembled;
         let mut twin =
             Twin::formulated(plant, &motion, options.formulation).map_err(|_| singular_start(&motion, assembled))?;
         twin.deflect_gears(&deflection);
@@ -58,10 +58,12 @@ impl<'a> Run<'a> {
         let controller = Controller::new(controller_plant, model.drives, options.gains, step);
         let torque = Torque::constant(controller.feed_forward(&wanted).map_err(trajectory)?);
         let clamps = match options.clamps {
-            _ if !closed => Clamps::none(),
+            _ if !assembled => Clamps::none(),
             Some(clamps) => clamps,
             None => Clamps::watched(&model.sockets),
         };
+        let exists = |s: usize| twin.plant().sockets().contains(s);
+        let min_margin = std::array::from_fn(|s| if exists(s) { clamps.hold[s] } else { f64::INFINITY });
         let sensors = Sensors::new(model, setup, options.sensors, assembled, options.noise_seed);
         Ok(Self {
             options,
@@ -93,7 +95,7 @@ impl<'a> Run<'a> {
             turned_over: 0.0,
             frames: 0,
             watched: 0,
-            report: Report { min_margin: clamps.hold, ..Report::default() },
+            report: Report { min_margin, ..Report::default() },
         })
     }
 }
@@ -105,7 +107,7 @@ fn possible_in_drives(options: &Options, assembled: bool) -> Result<(), Simulati
     for (what, asked) in [
         ("objects and what a gripper does", !options.objects.is_empty() || !options.actions.is_empty()),
         ("sockets that may leave their balls", options.clamps.is_some_and(|c| c.armed)),
-        ("margins of sockets", fitted.sockets),
+        ("margins of sockets", fitted.sockets && !assembled),
         ("strut force sensors", struts && !assembled),
         ("bodies in absolute coordinates", options.formulation == crate::scenario::Formulation::Absolute && assembled),
     ] {

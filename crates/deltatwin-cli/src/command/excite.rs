@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use serde_json::{Map, Value, json};
 
 use crate::terminal::{
-    DONE, INTERRUPTED, Table, assembled_delta, bar, catch_interrupt, check_output, interrupted, path, say, wrapped,
+    DONE, INTERRUPTED, Table, assembled_robot, bar, catch_interrupt, check_output, interrupted, path, say, wrapped,
 };
 use deltatwin::effects::{ActiveEffect, Role};
 use deltatwin::excitation::discriminate::{Discrimination, discriminate};
@@ -150,7 +150,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let budget = Duration::from_secs_f64(within("budget", args.budget, 0.0, 1e6, " s")?);
     let model = model::read(&args.model)?;
     if model.assembled {
-        assembled_delta(&args.model, "excite")?;
+        assembled_robot(&args.model)?;
     } else {
         let what = match model.mechanism {
             Mechanism::Delta { .. } => "is disassembled",

@@ -14,8 +14,8 @@ use deltatwin::constraint_forces::{Detail, Multipliers, constraint_forces};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::identification::{Dataset, residuals};
 use deltatwin::kinematics::JointState;
-use deltatwin::kinematics::motion::SOCKETS;
-use deltatwin::machine::{STRUTS, Setup, Unit};
+use deltatwin::kinematics::motion::MAX_SOCKETS;
+use deltatwin::machine::{Setup, Unit};
 use deltatwin::model::Model;
 use deltatwin::recording::{Channel, Series};
 use deltatwin::text::significant;
@@ -102,14 +102,15 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let progress = spinner("forces");
     let (forces, margins) = compute(args, &model, &plant, &motion)?;
     progress.finish_and_clear();
-    let loads = Loads { rows: &rows, forces: &forces, margins: &least(&rows, &forces, &margins) };
+    let loads =
+        Loads { rows: &rows, forces: &forces, margins: &least(&rows, &forces, &margins, model.mechanism.struts()) };
     if let Some(output) = &args.output {
         write_table(output, &loads, &motion.t)?;
     }
     if let Some(figure) = &args.figure {
         write_figure(figure, &draw(&model, &motion, &loads))?;
     }
-    if args.json { say(to_json(args, &motion, &loads)) } else { print(args, &motion, &loads) }?;
+    if args.json { say(to_json(args, &motion, &loads)) } else { print(args, &plant, &motion, &loads) }?;
     Ok(DONE)
 }
 
@@ -129,11 +130,12 @@ fn compute(
             let out = inverse_dynamics(plant, *t, &pose, &states, true).map_err(|e| e.at_sample(k))?;
             let struts = plant.mechanism.struts();
             let (upper, lower) = (&out.reactions.upper[..struts], &out.reactions.lower[..struts]);
-            return Ok(([lower, upper, &out.tau[..plant.mechanism.axes()]].concat(), None));
+            let own = [lower, upper, &out.tau[..plant.mechanism.axes()]].concat();
+            return Ok((own, clamps.along(plant, *t, &pose)?.1));
         }
         let forces = constraint_forces(plant, *t, &pose, &states, args.loads.into()).map_err(|e| e.at_sample(k))?;
         let own = forces.to_array()[Multipliers::of(plant.mechanism)].to_vec();
-        Ok((own, Some(clamps.along(plant, *t, &pose)?.1)))
+        Ok((own, clamps.along(plant, *t, &pose)?.1))
     };
     let loads: Result<Vec<_>, deltatwin::kinematics::KinematicsError> =
         motion.t.par_iter().zip(&motion.joints).enumerate().map(one).collect();
@@ -142,7 +144,7 @@ fn compute(
 }
 
 /// Margins of all sockets at one instant, N.
-type Margins = Option<[f64; SOCKETS]>;
+type Margins = [f64; MAX_SOCKETS];
 
 /// One multiplier.
 struct Row {
@@ -237,11 +239,11 @@ fn read(args: &Args, model: &Model) -> miette::Result<Motion> {
 
 /// Least margin of every multiplier with a limit, in its unit: of a strut's force the least one of the ball socket at that
 /// end, from all loads ([`Clamps::margins`]), else the limit less the largest magnitude.
-fn least(rows: &[Row], forces: &[Vec<f64>], margins: &[Margins]) -> Vec<Option<f64>> {
+fn least(rows: &[Row], forces: &[Vec<f64>], margins: &[Margins], struts: usize) -> Vec<Option<f64>> {
     let least = |k: usize, row: &Row| match row.channel {
         Some(channel) => {
-            let socket = channel.index() + if matches!(channel, Channel::StrutLower(_)) { STRUTS } else { 0 };
-            margins.iter().map(|m| Some(m.as_ref()?[socket])).try_fold(f64::INFINITY, |least, m| Some(least.min(m?)))
+            let socket = channel.index() + if matches!(channel, Channel::StrutLower(_)) { struts } else { 0 };
+            Some(margins.iter().map(|margins| margins[socket]).fold(f64::INFINITY, f64::min))
         }
         None => row.limit.map(|l| l - forces.iter().map(|f| f[k].abs()).fold(0.0, f64::max)),
     };
@@ -323,7 +325,7 @@ fn to_json(args: &Args, motion: &Motion, loads: &Loads) -> Value {
     })
 }
 
-fn print(args: &Args, motion: &Motion, loads: &Loads) -> miette::Result<()> {
+fn print(args: &Args, plant: &Plant, motion: &Motion, loads: &Loads) -> miette::Result<()> {
     let mut table = Table::new(&["Multiplier", "min", "max", "rms", "limit", "margin", ""], &[6]);
     for (k, row) in loads.rows.iter().enumerate() {
         let [min, max, rms] = loads.statistics(k);
@@ -332,17 +334,17 @@ fn print(args: &Args, motion: &Motion, loads: &Loads) -> miette::Result<()> {
         table.row(std::iter::once(row.name.clone()).chain(cells).chain([row.unit.clone()]));
     }
     say(table)?;
-    let law = match loads.rows.iter().position(|row| row.channel.is_some()).and_then(|k| loads.margins[k]) {
-        Some(_) => {
-            "The margin of a strut's force is the least one of the ball socket there, whose hold falls with the pull along \
-             its opening; all loads count."
-        }
-        None => {
-            "Where the struts are more than hold the plate, their forces are those of equally stiff struts without \
-             prestress; torques and sums of a pair do not depend on that. Margins of sockets are known of three limbs."
-        }
-    };
+    let law = "The margin of a strut's force is the least one of the ball socket there, whose hold falls with the pull along \
+               its opening; all loads count.";
     say(wrapped(law, 2))?;
+    let redundant = plant.geometry.redundant_struts();
+    if redundant > 0 {
+        let open = format!(
+            "There are {redundant} more struts than hold the plate: their forces are those of equally stiff struts without \
+             prestress. Torques and sums of a pair do not depend on that."
+        );
+        say(wrapped(&open, 2))?;
+    }
     say(format!("\n  {} samples over {:.4} s", motion.t.len(), motion.t[motion.t.len() - 1] - motion.t[0]))?;
     for (channel, values) in &motion.measured {
         let Some(k) = loads.place(*channel) else { continue };

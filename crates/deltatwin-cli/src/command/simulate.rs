@@ -23,7 +23,6 @@ use crate::terminal::{
     path, say,
 };
 use deltatwin::dynamics::Plant;
-use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::machine::Unit;
 use deltatwin::model::Model;
 use deltatwin::recording::{Context, Difference, Recording};
@@ -334,6 +333,9 @@ fn job(file: &Path, args: &Args) -> miette::Result<Job> {
             machine.name
         ));
     }
+    if let Some(problem) = scenario.sockets.misfit(machine.mechanism) {
+        return Err(miette!("{}: {problem}", file.display()));
+    }
     let motion = scenario.motion(&planning).into_diagnostic().wrap_err_with(|| file.display().to_string())?;
     let mut options = Options { contacts: Some(deltatwin_cell::contacts), ..Options::of(&scenario, &machine) };
     if let Some(formulation) = args.formulation {
@@ -385,7 +387,7 @@ fn execute(job: &Job, step_error: bool, progress: &mut dyn FnMut(f64) -> bool) -
 
 /// The socket with the least margin, and its margin, N.
 fn weakest(report: &Report) -> (usize, f64) {
-    (0..SOCKETS).map(|s| (s, report.min_margin[s])).min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, f64::INFINITY))
+    report.min_margin.iter().copied().enumerate().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, f64::INFINITY))
 }
 
 fn json(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>, written: bool) -> Value {
@@ -411,7 +413,7 @@ fn json(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>, w
         "events": events,
         "peak_strut_force": report.peak_strut_force,
         "min_socket_margin": weakest(report).1,
-        "socket_margins": report.min_margin,
+        "socket_margins": report.min_margin[..2 * job.machine.mechanism.struts()],
         "kinetic_energy": report.kinetic_energy,
         "interrupted": interrupted(),
         "recording": outcome.file.as_deref().filter(|_| written).map_or(Value::Null, path),
@@ -447,15 +449,17 @@ fn print(
         say(format!("  loops      gap {:.1e} m, rate {:.1e} m/s at most", report.max_loop_gap, report.max_loop_rate))?;
     }
     say(format!("  energy     {:.1e} of the work turned over is unaccounted for", report.energy_error))?;
+    let machine = job.machine.mechanism;
     if plant.assembled {
         let (socket, margin) = weakest(report);
         let weakest = match margin.is_finite() {
-            true => format!("; weakest socket {} with a margin of {margin:.1} N", socket_name(socket)),
+            true => {
+                format!("; weakest socket {} with a margin of {margin:.1} N", socket_name(socket, machine.struts()))
+            }
             false => String::new(),
         };
         say(format!("  struts     {:.1} N at most{weakest}", report.peak_strut_force))?;
     }
-    let machine = job.machine.mechanism;
     let errors: Vec<String> =
         report.tracking_error[..machine.axes()].iter().map(|e| format!("{:.3}", 1e3 * e)).collect();
     say(format!("  tracking   {} m{} at most", errors.join(", "), machine.unit(Unit::Rad)))?;

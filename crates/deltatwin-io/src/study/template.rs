@@ -321,7 +321,7 @@ fn complete(tree: &mut Table, key: &str) {
     };
     let number = |value: &Value| value.as_float().or_else(|| value.as_integer().map(|n| n as f64));
     let default = match array {
-        "wear" => vec![0.0; deltatwin::kinematics::motion::SOCKETS],
+        "wear" => vec![0.0; 2 * deltatwin::machine::Mechanism::default().struts()],
         "com" => vec![0.0; 3],
         _ => {
             let height = table.get("box").and_then(|size| number(size.as_array()?.get(2)?));

@@ -5,8 +5,9 @@ use nalgebra::{Isometry3, Vector3};
 use super::AXIS;
 use super::assets::Assets;
 use deltatwin::cell::{Object, Shape};
+use deltatwin::kinematics::motion::MAX_SOCKETS;
 use deltatwin::machine::bodies::SLOTS;
-use deltatwin::machine::{AXES, Geometry, Mechanism, STRUTS, Unit};
+use deltatwin::machine::{AXES, Geometry, MAX_STRUTS, Mechanism, Unit};
 use deltatwin::recording::{Channel, Recording};
 pub use deltatwin::recording::{Level, Note};
 
@@ -34,9 +35,9 @@ pub struct Scene<'a> {
     /// Meshes of the user.
     pub assets: Option<&'a Assets>,
     /// Share of its hold that each socket uses, per frame: six at the elbows, six at the platform; 1 is the limit.
-    pub used: Option<Vec<[f64; 2 * STRUTS]>>,
+    pub used: Option<Vec<[f64; MAX_SOCKETS]>>,
     /// Struts with an open socket, per frame.
-    pub loose: Option<Vec<[bool; STRUTS]>>,
+    pub loose: Option<Vec<[bool; MAX_STRUTS]>>,
     /// Shape of the payload and its centre in the end effector's frame, m.
     pub payload: Option<(Shape, Vector3<f64>)>,
     /// Objects around the robot.
@@ -208,9 +209,10 @@ pub fn measured(recording: &Recording) -> Vec<Series> {
         };
         series.push(strut_force(strut, end, s.t.clone(), force.to_vec()));
     }
-    let margins = s.rows(Channel::SocketMargin);
-    if !margins.is_empty() {
-        series.push(socket_margins(&s.t, &margins.iter().collect::<Vec<_>>()));
+    let sockets: Option<Vec<&[f64]>> = Channel::of_sockets(s.mechanism).into_iter().map(|c| s.get(c)).collect();
+    if let Some(sockets) = sockets.filter(|sockets| !sockets.is_empty()) {
+        let rows: Vec<Vec<f64>> = (0..s.len()).map(|k| sockets.iter().map(|margin| margin[k]).collect()).collect();
+        series.push(socket_margins(&s.t, s.mechanism.struts(), &rows.iter().map(Vec::as_slice).collect::<Vec<_>>()));
     }
     series
 }
@@ -257,18 +259,19 @@ pub fn strut_forces(strut: usize, times: Vec<f64>, forces: impl Iterator<Item = 
     Series { path, times, values: forces.flatten().collect(), lines: vec![line(0), line(1)] }
 }
 
-/// Curves of the margins of the twelve sockets and of the limit, in one plot.
-pub fn socket_margins(times: &[f64], margins: &[[f64; 2 * STRUTS]]) -> Series {
+/// Curves of the margins of the sockets of a robot with this number of struts and of the limit, in one plot; `margins` per
+/// time, of which the first 2·`struts` count.
+pub fn socket_margins(times: &[f64], struts: usize, margins: &[&[f64]]) -> Series {
     let line = |s: usize| {
-        let (strut, end) = (s % STRUTS, s / STRUTS);
+        let (strut, end) = (s % struts, s / struts);
         Line {
             color: shaded(strut / 2, 1.0 - 0.2 * (strut % 2) as f64 - 0.4 * end as f64),
             label: format!("strut {} {} [N]", strut + 1, ENDS[end]),
         }
     };
     let off = Line { color: OFF, label: "limit [N]".into() };
-    let values = margins.iter().flat_map(|margins| margins.iter().copied().chain([0.0])).collect();
-    let lines = (0..2 * STRUTS).map(line).chain([off]).collect();
+    let values = margins.iter().flat_map(|margins| margins[..2 * struts].iter().copied().chain([0.0])).collect();
+    let lines = (0..2 * struts).map(line).chain([off]).collect();
     Series { path: "sockets/socket_margin/margins".into(), times: times.to_vec(), values, lines }
 }
 

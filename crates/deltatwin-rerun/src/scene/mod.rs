@@ -254,10 +254,11 @@ mod tests {
         let mut recording = Recording::default();
         let q: Vec<_> = motions.iter().map(|m| m.q).collect();
         let tau: Vec<_> = times.iter().map(|t| [9.0 * t.sin(); AXES]).collect();
-        let margins: Vec<_> = times.iter().map(|t| [200.0 - t; 12]).collect();
+        let margins: Vec<_> = times.iter().map(|t| [200.0 - t; 6]).collect();
         recording.signals = Signals::of_drives(Default::default(), times.clone(), &q, &tau);
         recording.signals.set(Channel::StrutUpper(0), times.iter().map(|t| 30.0 * t.cos()).collect());
-        recording.signals.set_rows(Channel::SocketMargin, &margins);
+        recording.signals.set_rows(Channel::MarginUpper, &margins);
+        recording.signals.set_rows(Channel::MarginLower, &margins);
         let can = Object {
             name: "can / 1".into(),
             shape: Shape::Cylinder { radius: 0.03, height: 0.1 },
@@ -271,7 +272,7 @@ mod tests {
             Scene::new(Mechanism::default(), &g, times.clone(), motions.iter().map(Motion::poses).collect());
         scene.series = measured(&recording);
         scene.residual = Some(residual);
-        scene.loose = Some(times.iter().map(|t| [*t > 1.0; 6]).collect());
+        scene.loose = Some(times.iter().map(|t| [*t > 1.0; 8]).collect());
         scene.payload = Some((Shape::Sphere { radius: 0.05 }, Vector3::new(0.0, 0.0, -0.05)));
         scene.things = vec![Thing { object: &can, poses: times.iter().map(fall).collect() }];
         scene.notes = vec![Note { t: 1.0, level: Level::Error, text: "dislocation: strut 1 upper".into() }];

@@ -7,7 +7,6 @@ use super::known::Known;
 use super::robot::{Figure, asset, figures, shown};
 use super::solids::{CARBON, CUPS, STEEL};
 use super::{Outcome, assets, frames};
-use deltatwin::machine::STRUTS;
 use deltatwin::machine::bodies::{BodyKind, body_kind};
 
 /// Colour of a strut with an open socket.
@@ -64,10 +63,11 @@ impl Source {
             let is_loose = scene.loose.as_ref().is_some_and(|loose| loose[k][s]);
             if is_loose { LOOSE } else { strain(usual, used) }
         };
+        let struts = scene.machine.struts();
         match self {
             Self::Residual(axis) => figure.residual.map_or(STEEL, |residual| heat(residual[k][axis])),
-            Self::Strut(s) => load(s, used(s).max(used(STRUTS + s)), CARBON),
-            Self::Cup(s, end) => load(s, used(end * STRUTS + s), STEEL),
+            Self::Strut(s) => load(s, used(s).max(used(struts + s)), CARBON),
+            Self::Cup(s, end) => load(s, used(end * struts + s), STEEL),
         }
     }
 }

@@ -1,6 +1,5 @@
 //! Rows of a failure mode and effects analysis.
 
-use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::scenario::sockets::{spring, spring_name};
 use deltatwin::text::significant;
 use deltatwin::twin::sockets::{partner, socket_name};
@@ -46,18 +45,16 @@ fn cause(case: &Case, verdict: &Verdict) -> String {
     if let Some(believed) = scenario.believed_payload.filter(|b| b.mass != payload.mass || b.com != payload.com) {
         reasons.push(format!("{} kg carried, {} kg believed", payload.mass, believed.mass));
     }
-    let socket = (0..SOCKETS).find(|&s| socket_name(s) == verdict.cause.part);
+    let (sockets, struts) = (verdict.sockets.len(), case.model.mechanism.struts());
+    let socket = (0..sockets).find(|&s| socket_name(s, struts) == verdict.cause.part);
     if let Some(socket) = socket.filter(|_| verdict.cause.kind == CauseKind::Socket) {
         let sockets = &scenario.sockets;
         if sockets.wear[socket] > 0.0 {
-            reasons.push(format!("{} worn by {:.0} %", socket_name(socket), 1e2 * sockets.wear[socket]));
+            reasons.push(format!("{} worn by {:.0} %", socket_name(socket, struts), 1e2 * sockets.wear[socket]));
         }
-        if sockets.missing[spring(socket)] > 0 {
-            reasons.push(format!(
-                "{} of 2 springs of {} missing",
-                sockets.missing[spring(socket)],
-                spring_name(spring(socket))
-            ));
+        let spring = spring(socket, case.model.mechanism);
+        if sockets.missing[spring] > 0 {
+            reasons.push(format!("{} of 2 springs of {} missing", sockets.missing[spring], spring_name(spring)));
         }
         let [x, y] = [payload.com.x, payload.com.y];
         if payload.mass > 0.0 {
@@ -101,7 +98,7 @@ fn local(verdict: &Verdict) -> String {
             format!("; {others} more within 1 ms{with}")
         }
     };
-    format!("{} leaves its ball at {time:.4} s{follow}", socket_name(first))
+    format!("{} leaves its ball at {time:.4} s{follow}", socket_name(first, verdict.sockets.len() / 2))
 }
 
 /// Effect on robot and payload.
@@ -121,7 +118,8 @@ fn end(verdict: &Verdict) -> String {
     };
     let falls = verdict.platform.is_some() || verdict.payload.is_some();
     let fate = if falls { "falls" } else { "hangs loose" };
-    let mut parts = vec![format!("{} of {SOCKETS} sockets open, the platform {fate}", verdict.opened.len())];
+    let mut parts =
+        vec![format!("{} of {} sockets open, the platform {fate}", verdict.opened.len(), verdict.sockets.len())];
     // A payload on the flange lands with the platform.
     let with_it = |at: &&Touchdown| verdict.payload.as_ref().is_none_or(|payload| payload.time != at.time);
     parts.extend(land("the platform", &verdict.platform.as_ref().filter(with_it).cloned()));

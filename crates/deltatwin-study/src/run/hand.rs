@@ -102,7 +102,7 @@ fn explained(plant: &Plant, motion: &Motion, (socket, force, time): (usize, f64,
          {hand:.0} N of the formula, struts {incline:.0}° from the vertical), weight and acceleration of the payload \
          {carried:.0} N, platform, struts, telescope and friction {:.0} N, the control loop {:.0} N; the formula has none \
          of the last three",
-        socket_name(socket),
+        socket_name(socket, STRUTS),
         total - couple - carried,
         force - total
     ))

@@ -5,7 +5,6 @@
 //! Where the real one meets an object or saturates a drive and stays whole, its own loads replace them.
 
 use deltatwin::kinematics::Target;
-use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::machine::{ARMS, Geometry};
 use deltatwin::model::Model;
 use deltatwin::scenario::{DesiredMotion, Supervision};
@@ -120,9 +119,10 @@ impl Margins {
                     self.see(CauseKind::Following, t, 1.0 - sample.error[i].abs() / limit, || axis(i));
                 }
             }
-            for s in (0..SOCKETS).filter(|_| model.assembled) {
+            let struts = model.mechanism.struts();
+            for s in (0..2 * struts).filter(|_| model.assembled) {
                 let value = sample.margin[s] / holding(model, clamps, s);
-                self.see(CauseKind::Socket, t, value, || socket_name(s));
+                self.see(CauseKind::Socket, t, value, || socket_name(s, struts));
             }
         }
     }

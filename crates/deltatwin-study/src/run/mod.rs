@@ -25,7 +25,6 @@ pub use verdict::{Cause, CauseKind, FOLLOWS, Fmea, Hand, Margin, Notice, Step, T
 use std::path::PathBuf;
 
 use deltatwin::dynamics::Plant;
-use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::machine::Sockets;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
@@ -360,10 +359,10 @@ struct Seen<'a> {
 }
 
 /// Events of the machine with its limits that end its motion, in no order.
-fn events(after: &Aftermath, report: &Report) -> Vec<Cause> {
+fn events(after: &Aftermath, report: &Report, struts: usize) -> Vec<Cause> {
     let mut events = Vec::new();
     if let Some(&(time, socket)) = after.opened().first() {
-        events.push(Cause { kind: CauseKind::Socket, part: socket_name(socket), time });
+        events.push(Cause { kind: CauseKind::Socket, part: socket_name(socket, struts), time });
     }
     if let Some(impact) = after.collision() {
         events.push(Cause { kind: CauseKind::Contact, part: impact.names.join(" at "), time: impact.t });
@@ -443,7 +442,7 @@ fn judge(case: &Case, motion: &DesiredMotion, mut margins: Margins, seen: Seen) 
     let was_run = seen.limited.is_some();
     let (mut found, mut finished, mut real) = (Vec::new(), true, None);
     if was_run {
-        found = events(&after, report);
+        found = events(&after, report, case.model.mechanism.struts());
         let error =
             |x: &Sample| x.error[..case.model.mechanism.axes()].iter().fold(0.0, |most: f64, e| most.max(e.abs()));
         // A machine that tripped or broke has failed of that, not of a drive at its limit.
@@ -472,7 +471,7 @@ fn judge(case: &Case, motion: &DesiredMotion, mut margins: Margins, seen: Seen) 
         survived: time.is_none(),
         margin: if time.is_none() { margin.max(0.0) } else { margin },
         margins: sorted,
-        sockets: if assembled { (0..SOCKETS).map(weakest).collect() } else { Vec::new() },
+        sockets: if assembled { (0..2 * case.model.mechanism.struts()).map(weakest).collect() } else { Vec::new() },
         sequence: if time.is_some() { after.sequence(&cause) } else { Vec::new() },
         energy: report.dislocations.first().filter(|_| was_run && !opened.is_empty()).map(|d| d.kinetic_energy),
         platform: after.platform().filter(|_| was_run),

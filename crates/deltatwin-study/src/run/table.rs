@@ -69,7 +69,7 @@ impl Verdict {
         row.extend(CauseKind::ALL.map(|kind| self.margin_of(kind).into()));
         let opened = (self.opened_at_once(), self.opened.len());
         row.extend([
-            self.opened.first().map(|&(_, socket)| socket_name(socket)).into(),
+            self.opened.first().map(|&(_, socket)| socket_name(socket, self.sockets.len() / 2)).into(),
             (opened.0 as i64).into(),
             (opened.1 as i64).into(),
             self.energy.into(),

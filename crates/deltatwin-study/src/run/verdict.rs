@@ -1,7 +1,5 @@
 //! [`Verdict`]: what limits a run, what happened when it failed, and who would have noticed.
 
-use deltatwin::kinematics::motion::SOCKETS;
-
 /// Kinds of causes that limit a motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum CauseKind {
@@ -203,6 +201,6 @@ impl Verdict {
     /// Number of sockets that leave within [`FOLLOWS`] of the first one, itself included.
     pub fn opened_at_once(&self) -> usize {
         let first = self.opened.first().map_or(f64::INFINITY, |(t, _)| *t);
-        self.opened.iter().filter(|(t, _)| *t <= first + FOLLOWS).count().min(SOCKETS)
+        self.opened.iter().filter(|(t, _)| *t <= first + FOLLOWS).count().min(self.sockets.len())
     }
 }

@@ -26,7 +26,7 @@ pub struct State<'a> {
     t: f64,
     windows: u64,
     highest: f64,
-    weakest: Option<(usize, f64)>,
+    weakest: Option<(String, f64)>,
     /// Counts of the samples, once the last one has come.
     samples: Value,
     #[cfg(feature = "viewer")]
@@ -109,13 +109,14 @@ impl<'a> State<'a> {
     }
 
     fn loads(&mut self, loads: &Loads, source: &Source) -> miette::Result<()> {
-        let weakest = loads.margin.iter().copied().enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
-        if let Some((socket, margin)) = weakest
-            && self.weakest.is_none_or(|(_, least)| margin < least)
+        let least = loads.margin.iter().copied().enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
+        let weakest = least.map(|(socket, margin)| (socket_name(socket, loads.strut_upper.len()), margin));
+        if let Some((_, margin)) = weakest
+            && self.weakest.as_ref().is_none_or(|(_, least)| margin < *least)
         {
-            self.weakest = Some((socket, margin));
+            self.weakest.clone_from(&weakest);
         }
-        let name = weakest.map(|(socket, margin)| json!({ "socket": socket_name(socket), "margin": margin }));
+        let name = weakest.map(|(socket, margin)| json!({ "socket": socket, "margin": margin }));
         let margins = json!({
             "t": self.origin + self.t,
             "strut_upper": loads.strut_upper,
@@ -164,7 +165,7 @@ impl<'a> State<'a> {
             "cause": self.cause,
             "highest_level": self.highest,
             "false_alarms_per_hour": self.args.false_alarms,
-            "weakest_socket": self.weakest.map(|(s, margin)| json!({ "socket": socket_name(s), "margin": margin })),
+            "weakest_socket": self.weakest.as_ref().map(|(socket, margin)| json!({ "socket": socket, "margin": margin })),
         });
         if !self.samples.is_null() {
             verdict["samples"] = self.samples.clone();
@@ -199,8 +200,8 @@ impl<'a> State<'a> {
             counts.astray,
             source.faults()
         ))?;
-        if let Some((socket, margin)) = self.weakest {
-            say(format!("  least margin {margin:.1} N, at socket {}", socket_name(socket)))?;
+        if let Some((socket, margin)) = &self.weakest {
+            say(format!("  least margin {margin:.1} N, at socket {socket}"))?;
         }
         if state == "learning" {
             say("  Not enough to learn from: shorten --learn, or give a recording with --healthy")?;

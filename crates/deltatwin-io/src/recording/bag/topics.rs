@@ -74,7 +74,7 @@ pub(super) fn names(channels: &[(Field, Channel)]) -> Vec<String> {
 pub(super) fn decode_json(topic: &str, data: &[u8]) -> Option<Vec<Option<f64>>> {
     let (field, first) = channels(topic, Mechanism::default()).next()?;
     match (field, first) {
-        (_, Channel::StrutUpper(_) | Channel::SocketMargin(_)) => {
+        (_, Channel::StrutUpper(_) | Channel::MarginUpper(_)) => {
             let ends: Ends = serde_json::from_slice(data).ok()?;
             Some([ends.upper, ends.lower].concat())
         }

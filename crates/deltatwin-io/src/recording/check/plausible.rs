@@ -146,7 +146,7 @@ impl Table {
         // Margins, multipliers and links are computed: the margin of a socket that is open from the start is constant
         // zero. A load may be constant.
         let sensor = |c: &&Column| match Channel::named(&c.name) {
-            Some(Channel::SocketMargin(_) | Channel::Multiplier(_)) => false,
+            Some(Channel::MarginUpper(_) | Channel::MarginLower(_) | Channel::Multiplier(_)) => false,
             Some(channel) => !channel.family().is_of_axes(),
             None => true,
         };

@@ -4,9 +4,9 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::source::{Checked, Interval, Source};
-use deltatwin::kinematics::motion::SOCKETS;
+use deltatwin::kinematics::motion::MAX_SOCKETS;
 use deltatwin::machine::MAX_STRUTS;
-use deltatwin::scenario::sockets::{SPRINGS, SocketSetup, spring_name};
+use deltatwin::scenario::sockets::{MAX_SPRINGS, SocketSetup, spring_name};
 use deltatwin::scenario::{Gains, Sensors, Supervision, Trip};
 
 #[derive(Deserialize)]
@@ -14,8 +14,8 @@ use deltatwin::scenario::{Gains, Sensors, Supervision, Trip};
 pub(super) struct SocketKeys {
     #[serde(default)]
     armed: bool,
-    hold: Option<Spanned<[f64; SOCKETS]>>,
-    wear: Option<Spanned<[f64; SOCKETS]>>,
+    hold: Option<Spanned<Vec<f64>>>,
+    wear: Option<Spanned<Vec<f64>>>,
     #[serde(default)]
     missing_springs: Vec<Spanned<String>>,
     draw: Option<Spanned<DrawKeys>>,
@@ -57,18 +57,20 @@ pub(super) struct GainKeys {
 pub(super) fn sockets(file: &Source, keys: &SocketKeys) -> Checked<SocketSetup> {
     let mut out = SocketSetup { armed: keys.armed, ..SocketSetup::default() };
     if let Some(hold) = &keys.hold {
-        out.hold = Some(file.numbers("sockets.hold", hold, Interval(0.0, 1e6, "N"))?);
+        out.hold = Some(per_socket(file, "sockets.hold", hold, Interval(0.0, 1e6, "N"))?);
+        out.given = hold.get_ref().len();
         let fixed = "sockets with `hold`, which is what is left of it";
         file.foreign("sockets.wear", &keys.wear, fixed)?;
         file.foreign("sockets.draw", &keys.draw, fixed)?;
     }
     if let Some(wear) = &keys.wear {
-        out.wear = file.numbers("sockets.wear", wear, Interval(0.0, 1.0, "(shares of the hold)"))?;
+        out.wear = per_socket(file, "sockets.wear", wear, Interval(0.0, 1.0, "(shares of the hold)"))?;
+        out.given = wear.get_ref().len();
     }
     if let Some(draw) = &keys.draw {
         out.sigma = Some(file.within("sockets.draw.sigma", &draw.get_ref().sigma, Interval(0.0, 1e5, "N"))?);
     }
-    let names: Vec<String> = (0..SPRINGS).map(spring_name).collect();
+    let names: Vec<String> = (0..MAX_SPRINGS).map(spring_name).collect();
     let choices: Vec<(&str, usize)> = names.iter().enumerate().map(|(i, n)| (n.as_str(), i)).collect();
     for name in &keys.missing_springs {
         let spring = file.choice("sockets.missing_springs", name, &choices)?;
@@ -81,6 +83,21 @@ pub(super) fn sockets(file: &Source, keys: &SocketKeys) -> Checked<SocketSetup> 
             return Err(file.problem(name.span(), message));
         }
     }
+    Ok(out)
+}
+
+/// One number per socket, as many as a robot of some number of limbs has.
+fn per_socket(file: &Source, key: &str, value: &Spanned<Vec<f64>>, interval: Interval) -> Checked<[f64; MAX_SOCKETS]> {
+    let given = value.get_ref();
+    let expected = format!("expected one number per socket (12 with three limbs, 4 more with every other) {interval}");
+    if !given.len().is_multiple_of(4) || given.is_empty() || given.len() > MAX_SOCKETS {
+        return Err(file.problem(value.span(), format!("`{key}` has {} value(s); {expected}", given.len())));
+    }
+    if let Some(v) = given.iter().find(|v| !interval.contains(**v)) {
+        return Err(file.problem(value.span(), format!("`{key}` has {v}; {expected}")));
+    }
+    let mut out = [0.0; MAX_SOCKETS];
+    out[..given.len()].copy_from_slice(given);
     Ok(out)
 }
 
@@ -217,7 +234,7 @@ mod tests {
             (format!("[sockets]\nwear = {}", TWELVE.replace("0.5", "1.5")), "`sockets.wear` has 1.5"),
             (format!("[sockets]\nhold = {}", TWELVE.replace("0.5", "-1")), "`sockets.hold` has -1"),
             (format!("[sockets]\nhold = {TWELVE}\nwear = {TWELVE}"), "`sockets.wear` has no meaning"),
-            ("[sockets]\nmissing_springs = [\"limb4_upper\"]".into(), "is \"limb4_upper\"; expected \"limb1_upper\", "),
+            ("[sockets]\nmissing_springs = [\"limb5_upper\"]".into(), "is \"limb5_upper\"; expected \"limb1_upper\", "),
             (
                 "[sockets]\nmissing_springs = [\"limb1_upper\", \"limb1_upper\", \"limb1_upper\"]".into(),
                 "limb1_upper a third time",

@@ -121,7 +121,13 @@ fn content(remade: &Remade) -> Timeline {
             load.push(d.across);
             hold.push(d.hold);
         }
-        SocketTrace { name: socket_name(socket), time, load, hold, opened: left.map(|d| d.t) }
+        SocketTrace {
+            name: socket_name(socket, verdict.sockets.len() / 2),
+            time,
+            load,
+            hold,
+            opened: left.map(|d| d.t),
+        }
     });
     let sockets: Vec<SocketTrace> = traces.collect();
     let event = |e: &Event| FailureEvent { time: e.t, kind: kind(e.kind, e.t, first), text: e.what.clone() };
