@@ -506,6 +506,7 @@ fn line<'a>(text: &'a str, table: &str, key: &str) -> &'a str {
 
 /// Files know parameters by name.
 const NO_PARAM: effects::Param = effects::Param { effect: "", block: 0, item: 0 };
+const NO_RANGE: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
 
 fn errors(parameters: &[Estimate]) -> impl Iterator<Item = (String, f64)> {
     parameters.iter().map(|p| (p.name.clone(), p.std))
@@ -515,8 +516,14 @@ fn errors(parameters: &[Estimate]) -> impl Iterator<Item = (String, f64)> {
 fn fitted_numbers_state_their_source_and_the_others_keep_theirs() {
     let text = nominal();
     let mut m = parse(&text).unwrap();
-    let estimate =
-        |name: &str, std: f64| Estimate { param: NO_PARAM, name: name.into(), unit: Unit::One, value: 0.0, std };
+    let estimate = |name: &str, std: f64| Estimate {
+        param: NO_PARAM,
+        name: name.into(),
+        unit: Unit::One,
+        value: 0.0,
+        std,
+        range: NO_RANGE,
+    };
     let fitted = |recording: &str, std: f64| {
         let mut parameters: Vec<Estimate> =
             (1..=3).map(|i| estimate(&format!("drive_friction.coulomb_{i}"), std * i as f64)).collect();
@@ -571,7 +578,7 @@ fn comments_between_numbers_do_not_outlive_them() {
     let mut m = parse(&text).unwrap();
     m.effects[0].values[..3].copy_from_slice(&[4.5, 4.6, 7.3]);
     let name = "drive_friction.coulomb_1".into();
-    let parameters = [Estimate { param: NO_PARAM, name, unit: Unit::NM, value: 4.5, std: 0.1 }];
+    let parameters = [Estimate { param: NO_PARAM, name, unit: Unit::NM, value: 4.5, std: 0.1, range: NO_RANGE }];
     let provenance = Provenance::new("identify", "2026-11-22".into(), vec!["run.csv".into()], errors(&parameters));
     let new = fitted_text(&text, &m, &provenance).unwrap();
     assert_same(&parse(&new).unwrap(), &m);

@@ -1,5 +1,7 @@
 //! Result of a diagnosis.
 
+use nalgebra::DMatrix;
+
 use super::budget::{Budget, Change};
 use super::candidates::CandidateReport;
 use super::conclusion::explained;
@@ -78,6 +80,8 @@ pub struct Diagnosis {
     pub changes: Vec<Change>,
     /// All parameters before and after.
     pub parameters: [Vec<Estimate>; 2],
+    /// Covariance of those after, as in [`Fit`](crate::identification::Fit).
+    pub covariance: DMatrix<f64>,
     /// Residual with everything found, and whether an unknown effect acts in addition to the named ones.
     pub left: Left,
     /// Set if the recordings have too few rows to test any effect.

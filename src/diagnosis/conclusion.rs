@@ -145,6 +145,7 @@ impl Conclusion {
             budget,
             changes: changes(&start, &end),
             parameters: [start.parameters, end.parameters],
+            covariance: end.covariance,
             left,
             repeats,
             too_few: found.all.too_few,

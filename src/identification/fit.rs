@@ -249,7 +249,8 @@ impl Regression<'_> {
             } else if (value - p.value).abs() > std {
                 said.moved.push(Moved { name: name.clone(), unit, free: p.value, value, std });
             }
-            said.parameters.push(Estimate { param, name, unit, value, std: if known { std } else { f64::INFINITY } });
+            let std = if known { std } else { f64::INFINITY };
+            said.parameters.push(Estimate { param, name, unit, value, std, range: p.range });
         }
         said
     }

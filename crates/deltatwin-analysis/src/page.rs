@@ -12,10 +12,12 @@ use deltatwin::model::Model;
 use deltatwin::recording::Channel;
 use deltatwin::text::significant;
 use deltatwin_report::component::errors::Errors;
+use deltatwin_report::component::parameters::Parameters;
 use deltatwin_report::component::signals::Signals;
 use deltatwin_report::component::{candidates, errors, origin, parameters, signals};
 use deltatwin_report::drawing::residual::Stage;
 use deltatwin_report::{Callout, ErrorGroup, Figure, Report, drawing, falling_error};
+use nalgebra::DMatrix;
 
 /// Where results come from.
 #[derive(Clone, Debug, Default)]
@@ -65,10 +67,12 @@ pub fn of_run(a: &Analysis, model: &Model, data: &Data, origin: &Origin) -> Resu
     page.anchored("parameters", "Parameters");
     let fitted = &a.identification.fitted.parameters;
     let mut estimates: Vec<(&str, &[Estimate])> = vec![("identified", fitted)];
+    let mut covariance = &a.identification.fitted.covariance;
     if !d.effects.is_empty() {
         estimates.push(("effect added", &d.parameters[1]));
+        covariance = &d.covariance;
     }
-    parameter_table(&mut page, model, data, &estimates);
+    parameter_table(&mut page, model, data, &estimates, covariance);
     budget(&mut page, d);
     next(&mut page, d);
     end(&mut page, origin);
@@ -154,7 +158,7 @@ pub fn of_identification(
     let models = [Stage { name: "delivered", model }, Stage { name: "identified", model: &i.fitted.model }];
     residuals(&mut page, &models, data, noise_floor)?;
     page.anchored("parameters", "Parameters");
-    parameter_table(&mut page, model, data, &[("identified", &i.fitted.parameters)]);
+    parameter_table(&mut page, model, data, &[("identified", &i.fitted.parameters)], &i.fitted.covariance);
     end(&mut page, origin);
     Ok(page)
 }
@@ -182,7 +186,7 @@ pub fn of_diagnosis(d: &Diagnosis, model: &Model, data: &Data, origin: &Origin) 
     diagnosed(&mut page, d);
     page.anchored("parameters", "Parameters");
     let estimates: [(&str, &[Estimate]); 2] = [("refitted", &d.parameters[0]), ("effect added", &d.parameters[1])];
-    parameter_table(&mut page, model, data, &estimates[..if d.effects.is_empty() { 1 } else { 2 }]);
+    parameter_table(&mut page, model, data, &estimates[..if d.effects.is_empty() { 1 } else { 2 }], &d.covariance);
     budget(&mut page, d);
     next(&mut page, d);
     end(&mut page, origin);
@@ -212,7 +216,7 @@ pub fn of_addition(a: &Addition, model: &Model, data: &Data, origin: &Origin) ->
     residuals(&mut page, &models, data, &b.noise_floor)?;
     page.anchored("parameters", "Parameters");
     let estimates = [("refitted", &a.parameters_before[..]), ("effect added", &a.fit.parameters[..])];
-    parameter_table(&mut page, model, data, &estimates);
+    parameter_table(&mut page, model, data, &estimates, &a.fit.covariance);
     addition_budget(&mut page, a);
     end(&mut page, origin);
     Ok(page)
@@ -319,10 +323,18 @@ pub fn diagnosed(page: &mut Report, d: &Diagnosis) {
     }
 }
 
-/// Adds the parameters of `stages` with error bars beside the values of `model`.
-pub fn parameter_table(page: &mut Report, model: &Model, data: &Data, stages: &[(&str, &[Estimate])]) {
+/// Adds the parameters of `stages` with error bars beside the values of `model`, and how their estimates are correlated:
+/// `covariance` is that of the last stage's estimates.
+pub fn parameter_table(
+    page: &mut Report,
+    model: &Model,
+    data: &Data,
+    stages: &[(&str, &[Estimate])],
+    covariance: &DMatrix<f64>,
+) {
     let Some(dataset) = data.datasets.first() else { return };
-    parameters::add(page, &dataset.plant(model).parameters(), stages);
+    let prior = &dataset.plant(model).parameters();
+    parameters::add(page, &Parameters { prior, stages, covariance });
 }
 
 /// Adds the error budget of the found effects.

@@ -246,7 +246,7 @@ var deltatwin = (() => {
     // -- the strip with the whole recording
     overview() {
       const c = this.channels[this.worst];
-      element(this.over, "h4", {}, `whole recording: ${c.name}`);
+      element(this.over, "h3", {}, `whole recording: ${c.name}`);
       const n = this.stages.length, colors = this.stages.map((_, s) => () => STAGE(s, n));
       const data = width => view(this.t, this.header.breaks, c.pyramids.average, ...this.whole, width);
       const made = chart(this.over, {
@@ -286,7 +286,7 @@ var deltatwin = (() => {
       this.channels.forEach((c, k) => {
         if (!this.visible[k]) return;
         const plot = element(this.time, "div", { class: "plot", tabindex: "0", role: "img", "aria-label": `residual of ${c.name} over time` });
-        const title = element(plot, "h4", {}, `${c.name}: measured − model`);
+        const title = element(plot, "h3", {}, `${c.name}: measured − model`);
         const noise = this.average ? c.noise / Math.sqrt(this.samples) : c.noise;
         const mean = this.average ? `, of the mean ${digits(noise)}` : "";
         const value = element(title, "small", {}, `noise ${digits(c.noise)} ${c.unit}${mean}`);
@@ -295,7 +295,7 @@ var deltatwin = (() => {
           `residual / ${c.unit}`, 1);
         if (this.torques) {
           const both = element(this.time, "div", { class: "plot", tabindex: "0", role: "img", "aria-label": `${c.name}, measured and model` });
-          const head = element(both, "h4", {}, `${c.name}: measured, and ${this.stages[n - 1]}`);
+          const head = element(both, "h3", {}, `${c.name}: measured, and ${this.stages[n - 1]}`);
           keys(both, [["measured", "--measured"], [this.stages[n - 1], n === 1 ? "--s0" : "--s2"]]);
           this.add(both, element(head, "small"), c, [c.pyramids.measured, c.pyramids.models[n - 1]], {
             series: [{}, { stroke: () => css("--measured"), width: 1, points: { show: false } }, { stroke: () => STAGE(n - 1, n), width: 1, points: { show: false } }],
@@ -304,7 +304,7 @@ var deltatwin = (() => {
       });
       if (this.rates.length) {
         const plot = element(this.time, "div", { class: "plot", tabindex: "0", role: "img", "aria-label": "joint speeds over time" });
-        const head = element(plot, "h4", {}, "motion: speeds of the joints");
+        const head = element(plot, "h3", {}, "motion: speeds of the joints");
         const palette = ["--s1", "--s0", "--s2", "--measured"];
         keys(plot, this.rates.map((r, i) => [r.name, palette[i % 4]]));
         this.add(plot, element(head, "small"), { unit: this.rates[0].unit, names: this.rates.map(r => r.name) }, this.rates.map(r => r.pyramid), {
@@ -441,23 +441,20 @@ var deltatwin = (() => {
       const maps = this.header.maps.filter(m => m);
       if (!maps.length) return;
       element(panels, "h3", {}, "Over the workspace");
-      const choice = element(panels, "div", { class: "choice", role: "group", "aria-label": "stage of the map" });
-      let stage = Math.min(1, this.stages.length - 1);
+      const choice = element(panels, "div", { class: "choice" });
       const select = element(choice, "select", { "aria-label": "channel of the map" });
       element(select, "option", { value: 0 }, "all channels");
       this.channels.forEach((c, k) => element(select, "option", { value: k + 1 }, c.name));
       select.onchange = () => this.drawMaps();
-      const buttons = this.stages.map((name, s) => {
-        const b = element(choice, "button", { type: "button", "aria-pressed": s === stage }, name);
-        b.onclick = () => { stage = s; buttons.forEach((other, i) => other.setAttribute("aria-pressed", i === s)); this.drawMaps(); };
-        return b;
-      });
-      const row = element(panels, "div", { class: "maps" });
-      const canvases = maps.map(m => {
-        const figure = element(row, "figure");
-        const canvas = element(figure, "canvas", { role: "img", "aria-label": `map of the residual ${m.name}` });
-        const caption = element(figure, "figcaption", {}, `${m.name}: ${m.axes.join("–")}`);
-        return { canvas, caption, still: caption.textContent };
+      // Every view once per stage, next to each other.
+      const canvases = maps.flatMap(m => {
+        const row = element(panels, "div", { class: "maps" });
+        return this.stages.map((name, stage) => {
+          const figure = element(row, "figure");
+          const canvas = element(figure, "canvas", { role: "img", "aria-label": `map of the residual of ${name}, ${m.name}` });
+          const caption = element(figure, "figcaption", {}, `${name}, ${m.name}: ${m.axes.join("–")}`);
+          return { m, stage, canvas, caption, still: caption.textContent };
+        });
       });
       const legend = element(panels, "div", { class: "legend" });
       const ramp = element(legend, "canvas", { class: "legend-bar", width: 256, height: 1, "aria-hidden": "true" });
@@ -471,8 +468,8 @@ var deltatwin = (() => {
         for (let k = 0; k < 256; k++) { ramp.getContext("2d").fillStyle = heat(k / 255); ramp.getContext("2d").fillRect(k, 0, 1, 1); }
         low.textContent = "noise";
         high.textContent = `RMS ${digits(top)} × noise`;
-        maps.forEach((m, i) => {
-          const { canvas, caption, still } = canvases[i], px = 15, ratio = devicePixelRatio || 1, pad = 34;
+        for (const { m, stage, canvas, caption, still } of canvases) {
+          const px = 10, ratio = devicePixelRatio || 1, pad = 34;
           const [nx, ny] = m.size, w = nx * px + pad, h = ny * px + pad;
           canvas.width = w * ratio; canvas.height = h * ratio; canvas.style.width = w + "px";
           const ctx = canvas.getContext("2d");
@@ -504,7 +501,7 @@ var deltatwin = (() => {
               : `${m.axes[0]} ${(m.low[0] + (cx + .5) * m.cell).toFixed(3)}, ${m.axes[1]} ${(m.low[1] + (cy + .5) * m.cell).toFixed(3)} m: ${digits(v)} × noise`;
           };
           canvas.onpointerleave = () => { caption.textContent = still; };
-        });
+        }
       };
       this.drawMaps();
     }
@@ -525,7 +522,7 @@ var deltatwin = (() => {
       const svg = figure.querySelector(".drawing svg"), title = svg ? svg.getAttribute("aria-label") : "";
       const box = element(figure, "div", { class: "curves-live" });
       figure.prepend(box);
-      if (title) element(box, "h4", {}, title);
+      if (title) element(box, "h3", {}, title);
       this.labels(box);
       const x = content.panels.flatMap(p => p.x.flatMap(a => [a[0], a[a.length - 1]])).filter(v => v !== undefined);
       this.whole = [Math.min(...x), Math.max(...x)];
@@ -563,7 +560,7 @@ var deltatwin = (() => {
 
     panel(box, panel, last) {
       const plot = element(box, "div", { class: "plot", tabindex: "0", role: "img", "aria-label": `${panel.title} ${panel.unit} over ${this.content.x}` });
-      const head = element(plot, "h4", {}, panel.title), value = element(head, "small");
+      const head = element(plot, "h3", {}, panel.title), value = element(head, "small");
       const groups = panel.x.map((x, k) => panel.curves.filter(c => c.x === k));
       // Steps have equal abscissae, which a join of tables would merge.
       const apart = 1e-9 * (this.whole[1] - this.whole[0]);

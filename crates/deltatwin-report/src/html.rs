@@ -129,7 +129,8 @@ impl Report {
                 if numbers { " class=\"n\"" } else { "" }
             })
             .collect();
-        let mut html = String::from("<div class=\"wide\"><table>\n<thead><tr>");
+        let name: Vec<&str> = headers.iter().map(AsRef::as_ref).collect();
+        let mut html = format!("{}<table>\n<thead><tr>", wide(&name.join(", ")));
         for k in 0..columns {
             let text = headers.get(k).map_or("", AsRef::as_ref);
             let _ = write!(html, "<th{}>{}</th>", class[k], escape(text));
@@ -157,7 +158,7 @@ impl Report {
             format!("<script type=\"application/json\" class=\"curves\">{data}</script>\n")
         });
         self.push(format!(
-            "<figure id=\"figure-{n}\">\n<div class=\"drawing\">{svg}</div>\n{live}<figcaption><b>Figure {n}.</b> {caption}</figcaption>\n</figure>"
+            "<figure id=\"figure-{n}\">\n<div class=\"drawing\" tabindex=\"0\" role=\"group\" aria-label=\"figure {n}\">{svg}</div>\n{live}<figcaption><b>Figure {n}.</b> {caption}</figcaption>\n</figure>"
         ))
     }
 
@@ -261,6 +262,11 @@ pub fn escape(text: &str) -> String {
     out
 }
 
+/// Begin of a box called `name` that scrolls sideways, also by keyboard.
+pub(crate) fn wide(name: &str) -> String {
+    format!("<div class=\"wide\" tabindex=\"0\" role=\"group\" aria-label=\"{}\">", escape(name))
+}
+
 fn has_digit(text: &str) -> bool {
     text.chars().any(|c| c.is_ascii_digit())
 }
@@ -300,7 +306,7 @@ th.n, td.n { text-align: right; padding: .35rem .2rem .35rem .9rem; white-space:
 .callout.bad { border-color: #c0392b; background: #fcf1f0; }
 nav { display: flex; flex-wrap: wrap; gap: .3rem 1.1rem; margin: 1rem 0; font-size: .93rem; }
 a { color: #00629b; }
-pre { background: #f4f6f8; padding: .7rem 1rem; overflow-x: auto; font-size: .87rem; line-height: 1.5; }
+pre { background: #f4f6f8; padding: .7rem 1rem; white-space: pre-wrap; overflow-wrap: anywhere; font-size: .87rem; line-height: 1.5; }
 .tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(11rem, 1fr)); gap: .8rem; margin: 1.2rem 0; }
 .tiles div { border: 1px solid #d5dae0; border-radius: 6px; padding: .6rem .8rem; display: flex; flex-direction: column; }
 .tiles b { font-size: 1.5rem; line-height: 1.25; font-variant-numeric: tabular-nums; }
@@ -356,7 +362,6 @@ table.cards td { padding-right: 1.1rem; }
   td, th { overflow-wrap: anywhere; white-space: normal !important; }
   td.n, th.n, td.unit { overflow-wrap: normal; }
   td.unit { white-space: nowrap !important; }
-  pre { white-space: pre-wrap; overflow-wrap: anywhere; }
   .tiles { grid-template-columns: repeat(4, 1fr); }
   .tiles b { font-size: 1.2rem; }
   h2, h2 + p { break-after: avoid; }

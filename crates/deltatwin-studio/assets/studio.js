@@ -477,7 +477,7 @@
     if (c.problem) element(box, "div", { class: "callout bad" }, c.problem);
     const cure = element(box, "p");
     if (c.warnings.length) { const d = element(box, "details"); element(d, "summary", { class: "small" }, c.warnings.length === 1 ? "1 remark of the reader" : `${c.warnings.length} remarks of the reader`); const ul = element(d, "ul", { class: "small" }); for (const w of c.warnings) element(ul, "li", {}, w); }
-    const wide = element(box, "div", { class: "wide" }), table = element(wide, "table", { class: "map" });
+    const wide = element(box, "div", { class: "wide", tabindex: "0", role: "group", "aria-label": "columns" }), table = element(wide, "table", { class: "map" });
     const head = element(element(table, "thead"), "tr");
     for (const text of c.table ? ["column", "signal", "first", "is", "unit", "flip sign"] : ["channel", "signal"]) element(head, "th", {}, text);
     const body = element(table, "tbody"), rows = [];

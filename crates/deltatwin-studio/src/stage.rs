@@ -213,7 +213,8 @@ pub(crate) fn fit(task: &Task, job: &Job) -> miette::Result<Outcome> {
     let command = |file: &str| task.command("identify", &[], &["-o", file]);
     let version = task.next("identified".into(), "identified", &command, errors);
     let mut report = Report::new("", "");
-    page::parameter_table(&mut report, &task.model, &task.data, &[("identified", &found.fitted.parameters)]);
+    let estimates = [("identified", &found.fitted.parameters[..])];
+    page::parameter_table(&mut report, &task.model, &task.data, &estimates, &found.fitted.covariance);
     let count = found.fitted.parameters.iter().filter(|p| p.identified()).count();
     let message = format!(
         "{count} parameters identified; {} base parameters, condition number {}.",
@@ -342,7 +343,7 @@ pub(crate) fn add(task: &Task, job: &Job, effect: &str, laws: &[String]) -> miet
     let mut report = Report::new("", "");
     let estimates = [("refitted", &a.parameters_before[..]), ("effect added", &a.fit.parameters[..])];
     page::addition_budget(&mut report, &a);
-    page::parameter_table(&mut report, &task.model, &task.data, &estimates);
+    page::parameter_table(&mut report, &task.model, &task.data, &estimates, &a.fit.covariance);
     let worst = |rms: &[f64]| {
         let ratios = rms.iter().zip(&a.budget.noise_floor).map(|(r, n)| r / n).filter(|r| r.is_finite());
         significant(ratios.fold(0.0, f64::max), 3)

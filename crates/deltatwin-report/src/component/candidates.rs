@@ -6,7 +6,6 @@ use deltatwin::diagnosis::candidates::Standing;
 use deltatwin::diagnosis::{CandidateReport, Diagnosis, Named};
 use deltatwin::effects;
 
-use super::number;
 use crate::Report;
 use crate::html::escape;
 
@@ -110,10 +109,9 @@ fn values(html: &mut String, named: &Named) {
     html.push_str("<ul class=\"values\">");
     for p in &named.parameters {
         let text = match p.identified() {
-            true => format!("{} ± {}", number(p.value), deltatwin::text::significant(p.std, 2)),
+            true => p.unit.quantity(super::parameters::text(p)),
             false => "not determined alone".into(),
         };
-        let text = if p.identified() { p.unit.quantity(text) } else { text };
         let _ = write!(html, "<li><code>{}</code> {}</li>", escape(&p.name), escape(&text));
     }
     html.push_str("</ul>");

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use deltatwin::text::significant;
 
 use crate::Report;
-use crate::html::escape;
+use crate::html::{escape, wide};
 
 /// Outcome of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,9 +48,7 @@ pub struct Axis {
 
 /// Adds the table of the `checks` of all axes, and a picture of each axis.
 pub fn add(report: &mut Report, checks: &[&str], axes: &[Axis]) {
-    let mut html = String::from(
-        "<div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"checks by axis\"><table class=\"checks cards\"><thead><tr><th>axis</th><th>slope</th>",
-    );
+    let mut html = wide("checks by axis") + "<table class=\"checks cards\"><thead><tr><th>axis</th><th>slope</th>";
     checks.iter().for_each(|name| html += &format!("<th>{}</th>", escape(name)));
     html += "</tr></thead><tbody>\n";
     for axis in axes {

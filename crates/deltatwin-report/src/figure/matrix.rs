@@ -1,18 +1,18 @@
-//! Matrix of shares, such as a confusion matrix.
+//! Matrix of shares, such as a confusion matrix or correlations.
 
 use super::canvas::{Align, Lettering, draw, shorten, text_width};
 use super::color::{Color, FRAME, GRID, QUIET, TEXT};
 use super::{Figure, LABEL_SIZE, RIGHT, TICK_SIZE, WIDTH};
 
 /// One cell of a matrix.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Cell {
     /// Depth of the colour, from 0 to 1.
     pub share: f64,
     /// Text in the cell.
     pub text: String,
-    /// Whether the cell is a correct one: green, else vermilion.
-    pub good: bool,
+    /// Its colour at a share of 1.
+    pub color: Color,
 }
 
 /// Matrix of cells with row and column names; `cells[row][column]`, missing cells stay empty.
@@ -45,8 +45,7 @@ pub fn matrix(title: &str, rows: &[String], columns: &[String], cells: &[Vec<Cel
                 let share = if cell.share.is_finite() { cell.share.clamp(0.0, 1.0) } else { 0.0 };
                 let mut ink = QUIET;
                 if share > 0.0 {
-                    let color = if cell.good { Color::IMPROVED } else { Color::RESIDUAL };
-                    let color = color.pale(0.15 + 0.85 * share);
+                    let color = cell.color.pale(0.15 + 0.85 * share);
                     c.bar((a, y), (b, y + ROW), color, 1.0);
                     ink = color.ink();
                 }

@@ -87,7 +87,11 @@ fn names(n: usize) -> Vec<String> {
 }
 
 fn cells(rows: usize, columns: usize) -> Vec<Vec<Cell>> {
-    let cell = |i: usize, k: usize| Cell { share: ((i + 2 * k) % 5) as f64 / 4.0, text: k.to_string(), good: i == k };
+    let cell = |i: usize, k: usize| Cell {
+        share: ((i + 2 * k) % 5) as f64 / 4.0,
+        text: k.to_string(),
+        color: Color::IMPROVED,
+    };
     (0..rows).map(|i| (0..columns).map(|k| cell(i, k)).collect()).collect()
 }
 
@@ -223,7 +227,7 @@ fn degenerate_input_gives_a_figure() {
         let points: Vec<Rate> = x.iter().zip(y).take(20).map(rate).collect();
         well_formed(&rates("t", "x", "y", &points, true));
         well_formed(&rates("t", "x", "y", &points, false));
-        let cell = |&share: &f64| Cell { share, text: "1".into(), good: false };
+        let cell = |&share: &f64| Cell { share, text: "1".into(), color: Color::RESIDUAL };
         let row: Vec<Cell> = y.iter().take(20).map(cell).collect();
         well_formed(&matrix("t", &names(2), &names(row.len()), &[row]));
     }

@@ -33,12 +33,17 @@ fn confusion(score: &Score) -> Figure {
             let cell = |(column, n): (&String, &usize)| Cell {
                 share: *n as f64 / total as f64,
                 text: if *n > 0 { n.to_string() } else { String::new() },
-                good: good(row, column),
+                color: color(good(row, column)),
             };
             score.columns.iter().zip(counts).map(cell).collect()
         })
         .collect();
     matrix("Hidden (rows) and named first (columns), campaigns", &score.rows, &score.columns, &cells)
+}
+
+/// Colour of a correct or a wrong answer.
+fn color(good: bool) -> Color {
+    if good { Color::IMPROVED } else { Color::RESIDUAL }
 }
 
 /// Correct answers by effect and size.
@@ -50,7 +55,7 @@ fn effects(score: &Score) -> Figure {
     let cell = |rate: Option<&Rate>| {
         let share = rate.and_then(|r| r.share());
         let text = rate.map_or_else(String::new, |r| format!("{}/{}", r.count, r.of));
-        Cell { share: share.map_or(0.0, |s| s.max(1.0 - s)), text, good: share.is_some_and(|s| s >= 0.5) }
+        Cell { share: share.map_or(0.0, |s| s.max(1.0 - s)), text, color: color(share.is_some_and(|s| s >= 0.5)) }
     };
     let cells: Vec<Vec<Cell>> =
         score.by_effect.values().map(|m| sizes.iter().map(|s| cell(m.get(s))).collect()).collect();

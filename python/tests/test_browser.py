@@ -1,0 +1,218 @@
+"""The page of a run and the studio in a browser: no errors, nothing cut, accessible, and all of it by keyboard."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import ROOT
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
+
+CHROMIUM = shutil.which("chromium")
+TARGET = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+PROGRAM = TARGET / "debug" / ("deltatwin.exe" if os.name == "nt" else "deltatwin")
+QUIET = "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking --disable-component-update --disable-sync"
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed"),
+    pytest.mark.skipif(not PROGRAM.is_file(), reason=f"{PROGRAM} is not built (cargo build)"),
+]
+WIDTHS = {"wide": 1280, "narrow": 390}
+SCHEMES = ("light", "dark")
+# Longest wait for a stage on a busy machine, ms.
+LONG = 120_000
+
+# Everything that the tabulator must reach, numbered.
+CONTROLS = """() => [...document.querySelectorAll("a[href], button, select, input, summary, [tabindex='0']")]
+    .filter(e => e.checkVisibility() && !e.disabled).map((e, k) => { e.dataset.test = k; return e.outerHTML.slice(0, 120); })"""
+# The element that has the focus, and whether that is seen.
+FOCUSED = """() => { const e = document.activeElement, s = getComputedStyle(e);
+    return { k: e.dataset.test, html: e.outerHTML.slice(0, 120), seen: s.outlineStyle !== "none" && parseFloat(s.outlineWidth) >= 1 }; }"""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with sync_api.sync_playwright() as playwright:
+        own = playwright.chromium.launch(executable_path=CHROMIUM, args=QUIET.split())
+        yield own
+        own.close()
+
+
+def opened(browser: Any, url: str, **options: Any) -> tuple[Any, list[str]]:
+    """A page, and what it writes to the console."""
+    page = browser.new_context(**options).new_page()
+    said: list[str] = []
+    page.on("console", lambda message: said.append(f"{message.type}: {message.text}"))
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.goto(url)
+    return page, said
+
+
+def look(page: Any, what: str) -> None:
+    """At every width and in both schemes of colours nothing is wider than the page, and axe finds no violation."""
+    for width in WIDTHS.values():
+        for scheme in SCHEMES:
+            page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
+            page.set_viewport_size({"width": width, "height": 900})
+            where = f"{what}, {width} px, {scheme}"
+            # Charts follow the width of the page after a moment.
+            for _ in range(20):
+                if (wide := page.evaluate("document.documentElement.scrollWidth")) <= width:
+                    break
+                page.wait_for_timeout(100)
+            assert wide <= width, where
+            found = axe.Axe().run(page)
+            assert found.violations_count == 0, f"{where}: {found.generate_report()}"
+    page.set_viewport_size({"width": WIDTHS["wide"], "height": 900})
+
+
+def tabbed(page: Any) -> None:
+    """The tabulator reaches every control, and every one shows that it has the focus."""
+    controls = page.evaluate(CONTROLS)
+    assert controls
+    missing = dict(enumerate(controls))
+    page.evaluate("document.activeElement.blur()")
+    for _ in range(len(controls) + 3):
+        page.keyboard.press("Tab")
+        focused = page.evaluate(FOCUSED)
+        if focused["k"] is not None:
+            missing.pop(int(focused["k"]), None)
+            assert focused["seen"], focused["html"]
+    assert not missing, missing
+
+
+def press(page: Any, part: str, name: str) -> None:
+    """Tabs to the button of this name in a part of the page and presses Enter."""
+    button = page.locator(part).get_by_role("button", name=name, exact=True).first
+    sync_api.expect(button).to_be_enabled(timeout=LONG)
+    for _ in range(300):
+        if button.evaluate("e => e === document.activeElement"):
+            page.keyboard.press("Enter")
+            return
+        page.keyboard.press("Tab")
+    raise AssertionError(f"the tabulator does not reach `{name}`")
+
+
+@pytest.fixture(scope="module")
+def example(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("pages")
+    run(folder, "example", "-o", "example")
+    run(folder, "run", "irb360-6-1600", "example/first.csv", "--held-out", "example/second.csv", "-o", "run")
+    return folder
+
+
+def run(folder: Path, *arguments: str) -> None:
+    done = subprocess.run([PROGRAM, *arguments], cwd=folder, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture
+def report(browser: Any, example: Path) -> Iterator[Any]:
+    """The page of a run; its security policy does not hold for what the tests ask."""
+    page, said = opened(browser, (example / "run" / "report.html").as_uri(), bypass_csp=True)
+    page.locator("html[data-ready]").wait_for()
+    yield page
+    assert not said
+    page.context.close()
+
+
+def test_the_page_of_a_run_is_accessible_and_fits_every_screen(report: Any) -> None:
+    look(report, "run")
+    report.locator("details").evaluate_all("all => all.forEach(e => { e.open = true; })")
+    report.get_by_role("button", name="measured and model").click()
+    look(report, "run, all opened")
+
+
+def test_no_estimate_is_cut(report: Any) -> None:
+    for width in WIDTHS.values():
+        report.set_viewport_size({"width": width, "height": 900})
+        cells = report.locator("table.parameters tbody td")
+        assert cells.count() > 20
+        for cell in cells.all():
+            box = cell.bounding_box()
+            assert box["x"] >= 0 and box["x"] + box["width"] <= width, f"{width} px: {cell.inner_text()}"
+        table = report.locator(".wide:has(table.parameters)")
+        assert table.evaluate("e => e.scrollWidth <= e.clientWidth"), width
+
+
+def test_the_page_of_a_run_is_used_by_keyboard(report: Any) -> None:
+    tabbed(report)
+    toggle = report.get_by_role("button", name="measured and model")
+    plots = report.locator(".plot").count()
+    press(report, "main", "measured and model")
+    sync_api.expect(toggle).to_have_attribute("aria-pressed", "true")
+    assert report.locator(".plot").count() > plots
+
+
+def test_the_page_of_a_run_obeys_its_own_policy(browser: Any, example: Path) -> None:
+    page, said = opened(browser, (example / "run" / "report.html").as_uri())
+    page.locator("html[data-ready]").wait_for()
+    assert page.locator(".signals-panels canvas").count() > 5
+    assert not said
+    page.context.close()
+
+
+# What shows that the panel of a stage is there.
+PARTS = {
+    "Data": "table.map",
+    "Check": "table.checks",
+    "Fit": "table.parameters",
+    "Where": ".signals-panels canvas",
+    "Why": ".candidate button",
+    "Add": "table.parameters",
+    "Next": "p",
+    "Save": ".command",
+}
+
+
+@pytest.fixture
+def studio(tmp_path: Path) -> Iterator[str]:
+    """Address of a studio on an empty folder."""
+    if subprocess.run([PROGRAM, "studio", "--help"], capture_output=True, check=False).returncode != 0:
+        pytest.skip(f"{PROGRAM} is built without the studio (cargo build -p deltatwin-cli --features studio)")
+    server = subprocess.Popen([PROGRAM, "studio", "session", "--json"], cwd=tmp_path, stdout=subprocess.PIPE, text=True)
+    assert server.stdout is not None
+    try:
+        yield json.loads(server.stdout.readline())["url"]
+    finally:
+        server.kill()
+        server.wait()
+
+
+def test_the_loop_in_the_studio_by_keyboard_and_every_stage_on_every_screen(browser: Any, studio: str) -> None:
+    page, said = opened(browser, studio, bypass_csp=True)
+    current = page.locator("#steps [aria-current=step]")
+    look(page, "empty studio")
+    tabbed(page)
+    press(page, "main", "Try an example")
+    stages = [("Data", "Check"), ("Check", "Fit"), ("Fit", "Where does it fail?"), ("Where", "Why?")]
+    for stage, then in stages:
+        sync_api.expect(current).to_have_text(stage)
+        press(page, "main", then)
+    found = page.locator(".candidate.found button").first
+    found.wait_for(timeout=LONG)
+    added = found.inner_text()
+    tabbed(page)
+    press(page, "main", added)
+    sync_api.expect(current).to_have_text("Add")
+    sync_api.expect(page.locator("#versions li.current")).to_contain_text("+ ", timeout=LONG)
+    for stage, part in PARTS.items():
+        page.locator("#steps").get_by_role("button", name=stage).click()
+        sync_api.expect(current).to_have_text(stage)
+        sync_api.expect(page.locator("#job")).to_be_hidden(timeout=LONG)
+        page.locator("#panel").locator(part).first.wait_for()
+        look(page, stage)
+        tabbed(page)
+    press(page, "main", "Save the page")
+    sync_api.expect(page.get_by_role("link", name="report.html")).to_be_visible()
+    press(page, "aside", "undo")
+    sync_api.expect(page.locator("#versions li.current")).not_to_contain_text("+ ")
+    assert not said
+    page.context.close()
