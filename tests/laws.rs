@@ -180,7 +180,8 @@ fn effects_act_on_nothing_but_the_parts_they_name() {
         effect.inertia(&active.values(), &payload().payload, &mut |_, b, _| refuse(b));
         let mut geometry = plant.geometry;
         effect.geometry(&active.values(), &mut geometry);
-        assert!(geometry == plant.geometry || effect.acts_on() == Part::Linkage, "{name}");
+        let on_struts = matches!(effect.acts_on(), Part::Linkage | Part::FreeStruts);
+        assert!(geometry == plant.geometry || on_struts, "{name}");
     }
 }
 
@@ -673,7 +674,17 @@ fn platform_rates_are_derivatives_of_its_position() {
 
 #[test]
 fn twists_and_accelerations_of_all_bodies_are_derivatives_of_their_poses() {
-    let g = nominal_plant().geometry;
+    [false, true].into_iter().for_each(derivatives_of_poses);
+}
+
+/// Of the platform that only translates, and of one tilted by struts of unequal length.
+fn derivatives_of_poses(unequal: bool) {
+    let mut g = nominal_plant().geometry;
+    if unequal {
+        let active = common::defaults("strut_pair_error");
+        active.effect.geometry(&active.values(), &mut g);
+        g.limbs[1].strut_difference *= -3.0;
+    }
     let at = |t: f64, b: usize| Motion::assembled(&g, &along(t)).unwrap().bodies[b];
     let mut worst = [0f64; BODIES];
     for t in times() {

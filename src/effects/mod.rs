@@ -51,6 +51,7 @@ mod rotor_inertia;
 mod signal_delay;
 mod strut_elasticity;
 mod strut_length_error;
+mod strut_pair_error;
 mod telescope_end_stop;
 mod telescope_friction;
 mod telescope_retract_friction;
@@ -105,6 +106,7 @@ pub static REGISTRY: LazyLock<Vec<Arc<dyn Effect>>> = LazyLock::new(|| {
         Arc::new(strut_elasticity::StrutElasticity),
         Arc::new(clamp_springs::ClampSprings),
         Arc::new(strut_length_error::StrutLengthError),
+        Arc::new(strut_pair_error::StrutPairError),
         Arc::new(base_tilt::BaseTilt),
         Arc::new(frame_compliance::FrameCompliance),
         Arc::new(axis_gravity::AxisGravity),
