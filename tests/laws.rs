@@ -125,7 +125,8 @@ fn every_effect_explains_itself() {
         for p in effect.parameters() {
             let (low, high) = p.range;
             assert!(low.is_finite() && high.is_finite() && low < high, "{name}.{}", p.name);
-            assert!((low..=high).contains(&p.default), "{name}.{}: default {} in {low}..{high}", p.name, p.default);
+            let allowed = (p.least()..=high).contains(&p.default);
+            assert!(allowed, "{name}.{}: default {} in {low}..{high}", p.name, p.default);
             assert!(keys.insert(p.name.clone()), "{name}.{} appears twice", p.name);
             if p.role == Role::Linear {
                 assert!((low..=high).contains(&0.0), "{name}.{}: zero, no effect, is allowed", p.name);
@@ -553,7 +554,7 @@ fn elastic_drives_at_rest_in_themselves_are_rigid() {
 fn gear_friction_is_solved_with_the_torque_it_depends_on() {
     // τ = τ₀ + μ·|τ|·s with s = tanh(k·q̇): τ₀/(1 − μ·s) for positive, τ₀/(1 + μ·s) for negative torque.
     let free = nominal_plant();
-    let rubbing = common::with_effect(nominal_plant(), "gear_load_friction", &[&[0.02, 0.05, 0.1], &[100.0]]);
+    let rubbing = common::with_effect(nominal_plant(), "gear_load_friction", &[&[0.02, 0.05, 0.1], &[100.0], &[0.0]]);
     let mut rng = rng(12);
     for _ in 0..50 {
         let motion = free.motion(&random_joints(&free, &mut rng)).unwrap();

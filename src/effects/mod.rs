@@ -70,6 +70,7 @@ pub use drive_elasticity::GearSpring;
 pub use interface::{
     About, ActiveEffect, Compliance, Count, Effects, Entry, Host, Instant, InternalStates, Kind, Layout, MachineView,
     Oscillator, Param, Parameter, Reads, Role, Search, Sensor, Spec, Start, Sway, Values, Wrenches, hunt_crossley,
+    presliding,
 };
 pub use strut_elasticity::StrutSpring;
 pub use torque_filter::LowPassStep;

@@ -237,6 +237,9 @@ impl ActiveEffect {
                 if p.count == Count::AllDrives && i >= self.host.mechanism.arms() {
                     parameter.default *= TELESCOPE_DRIVE;
                 }
+                if p.or_zero && self.values().block(b)[i] == 0.0 {
+                    parameter.role = Role::Fixed;
+                }
                 let name = match p.count {
                     Count::One => p.name.to_string(),
                     Count::PerArm | Count::PerStrut | Count::PerDrive | Count::PerAxis | Count::AllDrives => {
