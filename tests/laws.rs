@@ -378,9 +378,18 @@ fn friction_only_removes_energy() {
     let frictions: Vec<_> = REGISTRY
         .iter()
         .filter(|e| {
-            ["friction", "ball_socket", "stribeck", "viscous_curve", "efficiency", "drag"]
-                .iter()
-                .any(|part| e.name().contains(part))
+            [
+                "friction",
+                "ball_socket_viscous",
+                "ball_socket_coulomb",
+                "ball_socket_load",
+                "stribeck",
+                "viscous_curve",
+                "efficiency",
+                "drag",
+            ]
+            .iter()
+            .any(|part| e.name().contains(part))
         })
         .collect();
     assert!(frictions.len() >= 15, "{}", frictions.len());

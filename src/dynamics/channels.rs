@@ -168,20 +168,12 @@ fn of_plate(motion: &Motion, plate: &PlateMotions, channel: Channel) -> [Twist; 
     xi
 }
 
-/// Platform twists of three limbs per unit gap at each strut with locked drives: inverse of the matrix with rows (uᵀ,
-/// (r × u)ᵀ).
+/// [`Motion::gap_twists`].
 ///
 /// # Errors
-/// [`KinematicsError::Singular`] if the matrix is singular.
+/// [`KinematicsError::Singular`] where there are none.
 pub(super) fn gap_inverse(motion: &Motion) -> Result<Matrix6<f64>, KinematicsError> {
-    let mut rows = Matrix6::zeros();
-    for s in 0..STRUTS {
-        let u = motion.strut_axis[s];
-        let r = motion.lower_ball(s) - motion.bodies[PLATFORM].position;
-        rows.fixed_view_mut::<1, 3>(s, 0).copy_from(&u.transpose());
-        rows.fixed_view_mut::<1, 3>(s, 3).copy_from(&r.cross(&u).transpose());
-    }
-    rows.try_inverse().ok_or_else(|| KinematicsError::Singular { q: motion.q[..motion.limbs].into() })
+    motion.gap_twists().ok_or_else(|| KinematicsError::Singular { q: motion.q[..motion.limbs].into() })
 }
 
 fn set_drives(xi: &mut [Twist; SLOTS], motion: &Motion, arms: &[f64; MAX_LIMBS], rotor: f64) {

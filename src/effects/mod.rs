@@ -21,6 +21,7 @@ mod air_drag;
 mod axis4_friction;
 mod axis_gravity;
 mod backlash_hysteresis;
+mod ball_socket_clearance;
 mod ball_socket_coulomb;
 mod ball_socket_load_dependent;
 mod ball_socket_viscous;
@@ -105,6 +106,7 @@ pub static REGISTRY: LazyLock<Vec<Arc<dyn Effect>>> = LazyLock::new(|| {
         Arc::new(payload_compliance::PayloadCompliance),
         Arc::new(limb_asymmetry::LimbAsymmetry),
         Arc::new(strut_elasticity::StrutElasticity),
+        Arc::new(ball_socket_clearance::BallSocketClearance),
         Arc::new(clamp_springs::ClampSprings),
         Arc::new(strut_length_error::StrutLengthError),
         Arc::new(strut_pair_error::StrutPairError),

@@ -1,6 +1,6 @@
 //! [`Motion`]: pose, twist and acceleration of all bodies, and the rates of all joints, at one time.
 
-use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Matrix6, Rotation3, UnitQuaternion, Vector3};
 
 use super::arm::{Arm, Screw};
 use super::delta::{JointState, KinematicsError, PlatformState};
@@ -223,6 +223,19 @@ impl Motion {
         let (u, limb) = (&self.strut_axis[s], s / 2);
         let lever = self.bodies[strut(s)].position - self.bodies[arm(limb)].position;
         self.arm_screw(limb).effort(&(*u, lever.cross(u)))
+    }
+
+    /// Twists of the platform of three limbs per unit elongation of each strut with locked drives (velocity in m/m, angular
+    /// velocity in rad/m): inverse of the matrix with rows (uᵀ, (r × u)ᵀ). `None` where the struts do not hold the platform.
+    pub fn gap_twists(&self) -> Option<Matrix6<f64>> {
+        let mut rows = Matrix6::zeros();
+        for s in 0..STRUTS {
+            let u = self.strut_axis[s];
+            let r = self.lower_ball(s) - self.bodies[PLATFORM].position;
+            rows.fixed_view_mut::<1, 3>(s, 0).copy_from(&u.transpose());
+            rows.fixed_view_mut::<1, 3>(s, 3).copy_from(&r.cross(&u).transpose());
+        }
+        rows.try_inverse()
     }
 
     /// Lower ball of strut `s` in the inertial frame, m.

@@ -2,9 +2,7 @@
 
 use std::sync::Arc;
 
-#[cfg(doc)]
-use super::InternalStates;
-use super::{Count, Effects, Instant, Layout, Param, Parameter, Role, Values};
+use super::{Count, Effects, Instant, InternalStates, Layout, Param, Parameter, Role, Values};
 use crate::effects::{Effect, GearSpring, StrutSpring};
 use crate::kinematics::JointState;
 use crate::machine::{AXES, Bodies, Drive, Geometry, Joint, Mechanism, Part, STRUTS, Sockets};
@@ -167,6 +165,11 @@ impl ActiveEffect {
     /// Initial internal states; empty without any.
     pub fn initial_state(&self) -> Vec<f64> {
         self.effect.states().map_or_else(Vec::new, |own| own.initial_state(&self.values()))
+    }
+
+    /// Whether the internal states depend on strut forces, see [`InternalStates::reads_reactions`].
+    pub fn states_read_reactions(&self) -> bool {
+        self.effect.states().is_some_and(InternalStates::reads_reactions) && self.states() > 0
     }
 
     /// Internal states in equilibrium with the motion at an instant, see [`InternalStates::steady_state`].
