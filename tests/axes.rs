@@ -73,9 +73,10 @@ fn gravity_of_a_turning_axis_is_told_from_a_bias() {
 #[ignore = "campaign"]
 fn friction_by_load_is_a_set_of_two_on_a_lone_slide() {
     let slide = model("servo-axis");
-    for (name, blocks) in
-        [("gear_efficiency", &[&[0.03][..], &[0.12], &[1900.0]][..]), ("gear_load_friction", &[&[0.06], &[1900.0]])]
-    {
+    for (name, blocks) in [
+        ("gear_efficiency", &[&[0.03][..], &[0.12], &[1900.0]][..]),
+        ("gear_load_friction", &[&[0.06], &[1900.0], &[0.0]]),
+    ] {
         let d = told(&slide, effect(name, blocks), 43);
         assert!(not_misled(&d, name), "{name}");
     }

@@ -58,6 +58,9 @@ fn every_effect_is_accounted_for() {
     let mut cases: Vec<(&str, Vec<ActiveEffect>)> = vec![("none", vec![])];
     let mounted = |e: &&std::sync::Arc<dyn Effect>| plant(vec![]).has(e.acts_on());
     cases.extend(REGISTRY[1..].iter().filter(mounted).map(|e| (e.name(), vec![defaults(e.name())])));
+    let presliding: [&[f64]; 3] = [&[0.02; 3], &[100.0], &[2e-3]];
+    let gears = ActiveEffect::new(find("gear_load_friction").unwrap(), &presliding);
+    cases.push(("gear_load_friction, presliding", vec![gears]));
     cases.push(("everything", REGISTRY[1..].iter().map(|e| defaults(e.name())).collect()));
     cases.push(("truth", model("irb360-6-1600-truth").effects.into()));
     println!("unaccounted for of the work turned over at 400, 200, 100 µs; work of the effect, J");
@@ -88,9 +91,18 @@ fn friction_takes_energy_all_the_time() {
         // The telescope retracts only where the platform rises.
         let torque = Torque::constant([-60.0, -50.0, -55.0, 0.4]);
         let name = effect.name();
-        if !["friction", "ball_socket", "stribeck", "viscous_curve", "efficiency", "drag"]
-            .iter()
-            .any(|part| name.contains(part))
+        if ![
+            "friction",
+            "ball_socket_viscous",
+            "ball_socket_coulomb",
+            "ball_socket_load",
+            "stribeck",
+            "viscous_curve",
+            "efficiency",
+            "drag",
+        ]
+        .iter()
+        .any(|part| name.contains(part))
         {
             continue;
         }

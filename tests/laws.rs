@@ -124,7 +124,8 @@ fn every_effect_explains_itself() {
         for p in effect.parameters() {
             let (low, high) = p.range;
             assert!(low.is_finite() && high.is_finite() && low < high, "{name}.{}", p.name);
-            assert!((low..=high).contains(&p.default), "{name}.{}: default {} in {low}..{high}", p.name, p.default);
+            let allowed = (p.least()..=high).contains(&p.default);
+            assert!(allowed, "{name}.{}: default {} in {low}..{high}", p.name, p.default);
             assert!(keys.insert(p.name.clone()), "{name}.{} appears twice", p.name);
             if p.role == Role::Linear {
                 assert!((low..=high).contains(&0.0), "{name}.{}: zero, no effect, is allowed", p.name);
@@ -179,7 +180,8 @@ fn effects_act_on_nothing_but_the_parts_they_name() {
         effect.inertia(&active.values(), &payload().payload, &mut |_, b, _| refuse(b));
         let mut geometry = plant.geometry;
         effect.geometry(&active.values(), &mut geometry);
-        assert!(geometry == plant.geometry || effect.acts_on() == Part::Linkage, "{name}");
+        let on_struts = matches!(effect.acts_on(), Part::Linkage | Part::FreeStruts);
+        assert!(geometry == plant.geometry || on_struts, "{name}");
     }
 }
 
@@ -375,9 +377,18 @@ fn friction_only_removes_energy() {
     let frictions: Vec<_> = REGISTRY
         .iter()
         .filter(|e| {
-            ["friction", "ball_socket", "stribeck", "viscous_curve", "efficiency", "drag"]
-                .iter()
-                .any(|part| e.name().contains(part))
+            [
+                "friction",
+                "ball_socket_viscous",
+                "ball_socket_coulomb",
+                "ball_socket_load",
+                "stribeck",
+                "viscous_curve",
+                "efficiency",
+                "drag",
+            ]
+            .iter()
+            .any(|part| e.name().contains(part))
         })
         .collect();
     assert!(frictions.len() >= 15, "{}", frictions.len());
@@ -551,7 +562,7 @@ fn elastic_drives_at_rest_in_themselves_are_rigid() {
 fn gear_friction_is_solved_with_the_torque_it_depends_on() {
     // τ = τ₀ + μ·|τ|·s with s = tanh(k·q̇): τ₀/(1 − μ·s) for positive, τ₀/(1 + μ·s) for negative torque.
     let free = nominal_plant();
-    let rubbing = common::with_effect(nominal_plant(), "gear_load_friction", &[&[0.02, 0.05, 0.1], &[100.0]]);
+    let rubbing = common::with_effect(nominal_plant(), "gear_load_friction", &[&[0.02, 0.05, 0.1], &[100.0], &[0.0]]);
     let mut rng = rng(12);
     for _ in 0..50 {
         let motion = free.motion(&random_joints(&free, &mut rng)).unwrap();
@@ -672,7 +683,17 @@ fn platform_rates_are_derivatives_of_its_position() {
 
 #[test]
 fn twists_and_accelerations_of_all_bodies_are_derivatives_of_their_poses() {
-    let g = nominal_plant().geometry;
+    [false, true].into_iter().for_each(derivatives_of_poses);
+}
+
+/// Of the platform that only translates, and of one tilted by struts of unequal length.
+fn derivatives_of_poses(unequal: bool) {
+    let mut g = nominal_plant().geometry;
+    if unequal {
+        let active = common::defaults("strut_pair_error");
+        active.effect.geometry(&active.values(), &mut g);
+        g.limbs[1].strut_difference *= -3.0;
+    }
     let at = |t: f64, b: usize| Motion::assembled(&g, &along(t)).unwrap().bodies[b];
     let mut worst = [0f64; BODIES];
     for t in times() {

@@ -28,14 +28,19 @@ fn at(plant: &Plant, motion: &Motion, tau: [f64; 4]) -> Snapshot {
 
 #[test]
 fn forward_dynamics_inverts_inverse_dynamics() {
-    let plant = loaded_plant();
+    let mut tilted = loaded_plant();
+    tilted.geometry.limbs.iter_mut().zip([1e-3, -2e-3, 5e-4]).for_each(|(limb, d)| limb.strut_difference = d);
+    [loaded_plant(), tilted].iter().for_each(inverted);
+}
+
+fn inverted(plant: &Plant) {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let (mut worst, mut worst_force) = (0f64, 0f64);
     for _ in 0..100 {
-        let joints = random_joints(&plant, &mut rng);
+        let joints = random_joints(plant, &mut rng);
         let motion = plant.motion(&joints).unwrap();
-        let out = inverse_dynamics(&plant, 0.0, &motion, &[&[], &[]], true).unwrap();
-        let Snapshot { motion: twin, reactions, .. } = at(&plant, &motion, out.tau);
+        let out = inverse_dynamics(plant, 0.0, &motion, &[&[], &[]], true).unwrap();
+        let Snapshot { motion: twin, reactions, .. } = at(plant, &motion, out.tau);
         for i in 0..4 {
             worst = worst.max((twin.qdd[i] - joints.qdd[i]).abs() / 60.0);
         }

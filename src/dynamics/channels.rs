@@ -4,7 +4,7 @@
 //! are locked. With ξ_c the twists of all bodies per unit of such a virtual motion and w the applied minus the inertial
 //! wrenches, τ_c = −Σ ξ_c·w and T_c = +Σ ξ_c·w (tension positive).
 
-use nalgebra::{Matrix4, Matrix6, Vector3, Vector6};
+use nalgebra::{Matrix4, Matrix6, Matrix6x3, Vector3, Vector6};
 
 use super::plate::PlateMotions;
 use crate::kinematics::{KinematicsError, Motion};
@@ -43,7 +43,8 @@ impl ChannelMap {
             true => Some(PlateMotions::new(geometry, motion)?),
             false => None,
         };
-        let three = if assembled && plate.is_none() { Some(Three::new(geometry, motion, channels)?) } else { None };
+        let with_struts = !channels.iter().all(|c| c.drive().is_some());
+        let three = if assembled && plate.is_none() { Some(Three::new(geometry, motion, with_struts)?) } else { None };
         let twists = channels.iter().map(|&channel| match (&plate, &three) {
             (Some(plate), _) => of_plate(motion, plate, channel),
             (None, Some(three)) => three.twists(motion, channel),
@@ -112,32 +113,46 @@ fn drives(channel: Channel, limbs: usize) -> ([f64; MAX_LIMBS], f64) {
 }
 
 /// Platform twists of three limbs: per arm rate, and per unit gap.
-struct Three {
-    jacobian: nalgebra::Matrix3<f64>,
-    gaps: Option<Matrix6<f64>>,
+pub(super) struct Three {
+    /// Per arm rate, m/rad and 1, or 1 and 1/m.
+    pub jacobian: Matrix6x3<f64>,
+    /// Per unit gap at each strut; `None` if strut forces are not requested.
+    pub gaps: Option<Matrix6<f64>>,
 }
 
 impl Three {
-    fn new(geometry: &Geometry, motion: &Motion, channels: &[Channel]) -> Result<Self, KinematicsError> {
-        let jacobian = geometry.jacobian(&motion.q, &motion.bodies[PLATFORM].position)?;
-        let with_struts = !channels.iter().all(|c| c.drive().is_some());
+    /// Twists at a pose, those of gaps if `with_struts`.
+    ///
+    /// # Errors
+    /// [`KinematicsError::Singular`] if the Jacobian or the matrix of the strut lines is singular.
+    pub fn new(geometry: &Geometry, motion: &Motion, with_struts: bool) -> Result<Self, KinematicsError> {
+        let mut jacobian = Matrix6x3::zeros();
+        if geometry.has_unequal_pairs() {
+            let gaps = gap_inverse(motion)?;
+            for s in 0..STRUTS {
+                let mut column = jacobian.column_mut(s / 2);
+                column += gaps.column(s) * motion.upper_rate(s);
+            }
+            return Ok(Self { jacobian, gaps: with_struts.then_some(gaps) });
+        }
+        let translation = geometry.jacobian(&motion.q, &motion.bodies[PLATFORM].position)?;
+        jacobian.fixed_rows_mut::<3>(0).copy_from(&translation);
         Ok(Self { jacobian, gaps: if with_struts { Some(gap_inverse(motion)?) } else { None } })
     }
 
     fn twists(&self, motion: &Motion, channel: Channel) -> [Twist; SLOTS] {
         let (arms, rotor) = drives(channel, motion.limbs);
         let platform = match (channel, &self.gaps) {
-            (Channel::Torque(axis), _) if axis < motion.limbs => {
-                (self.jacobian.column(axis).into_owned(), Vector3::zeros())
-            }
-            (Channel::StrutUpper(s) | Channel::StrutLower(s), Some(gaps)) => {
-                let column: Vector6<f64> = gaps.column(s).into_owned();
-                (column.fixed_rows::<3>(0).into_owned(), column.fixed_rows::<3>(3).into_owned())
-            }
+            (Channel::Torque(axis), _) if axis < motion.limbs => twist(self.jacobian.column(axis).into_owned()),
+            (Channel::StrutUpper(s) | Channel::StrutLower(s), Some(gaps)) => twist(gaps.column(s).into_owned()),
             _ => STILL,
         };
         spread(motion, &arms, rotor, &platform)
     }
+}
+
+fn twist(column: Vector6<f64>) -> Twist {
+    (column.fixed_rows::<3>(0).into_owned(), column.fixed_rows::<3>(3).into_owned())
 }
 
 fn of_plate(motion: &Motion, plate: &PlateMotions, channel: Channel) -> [Twist; SLOTS] {
@@ -153,20 +168,12 @@ fn of_plate(motion: &Motion, plate: &PlateMotions, channel: Channel) -> [Twist; 
     xi
 }
 
-/// Platform twists of three limbs per unit gap at each strut with locked drives: inverse of the matrix with rows (uᵀ,
-/// (r × u)ᵀ).
+/// [`Motion::gap_twists`].
 ///
 /// # Errors
-/// [`KinematicsError::Singular`] if the matrix is singular.
+/// [`KinematicsError::Singular`] where there are none.
 pub(super) fn gap_inverse(motion: &Motion) -> Result<Matrix6<f64>, KinematicsError> {
-    let mut rows = Matrix6::zeros();
-    for s in 0..STRUTS {
-        let u = motion.strut_axis[s];
-        let r = motion.lower_ball(s) - motion.bodies[PLATFORM].position;
-        rows.fixed_view_mut::<1, 3>(s, 0).copy_from(&u.transpose());
-        rows.fixed_view_mut::<1, 3>(s, 3).copy_from(&r.cross(&u).transpose());
-    }
-    rows.try_inverse().ok_or_else(|| KinematicsError::Singular { q: motion.q[..motion.limbs].into() })
+    motion.gap_twists().ok_or_else(|| KinematicsError::Singular { q: motion.q[..motion.limbs].into() })
 }
 
 fn set_drives(xi: &mut [Twist; SLOTS], motion: &Motion, arms: &[f64; MAX_LIMBS], rotor: f64) {

@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 
 use std::sync::Arc;
 
-use super::ParamTable;
 use super::channels::Twist;
+use super::{ParamTable, inverse_dynamics};
 use crate::effects::rigid_bodies::RigidBodies;
 use crate::effects::{ActiveEffect, Host, Instant, Kind};
 use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
@@ -214,8 +214,22 @@ impl Plant {
 
     /// Internal states of every effect in equilibrium with a motion, for an instant without a past.
     pub fn steady_states(&self, t: f64, motion: &Motion) -> Vec<Vec<f64>> {
-        let at = self.instant(t, motion, &[]);
+        let loaded = self.effects.iter().any(ActiveEffect::states_read_reactions);
+        let reactions = if loaded { self.resting_reactions(t, motion) } else { Reactions::ZERO };
+        let at = Instant { reactions: &reactions, ..self.instant(t, motion, &[]) };
         self.effects.iter().map(|active| active.steady_state(&at)).collect()
+    }
+
+    /// Strut forces of a motion with the initial states of all effects, N; zero where the pose is singular.
+    pub(crate) fn resting_reactions(&self, t: f64, motion: &Motion) -> Reactions {
+        let own: Vec<Vec<f64>> = self.effects.iter().map(ActiveEffect::initial_state).collect();
+        self.reactions(t, motion, &own.iter().map(Vec::as_slice).collect::<Vec<_>>())
+    }
+
+    /// Strut forces of a motion with given states of all effects, N; zero where the pose is singular or a law fails, which
+    /// the prediction there reports.
+    pub(crate) fn reactions(&self, t: f64, motion: &Motion, states: &[&[f64]]) -> Reactions {
+        inverse_dynamics(self, t, motion, states, true).map_or(Reactions::ZERO, |out| out.reactions)
     }
 
     /// Motion of the joints behind the encoders' motion, with the internal states of gears at rest.

@@ -12,7 +12,7 @@ use nalgebra::{SMatrix, SVector, Vector3};
 
 use super::channels::{STILL, Twist};
 use crate::kinematics::{KinematicsError, Motion};
-use crate::machine::bodies::{END_EFFECTOR, PLATFORM, SLOTS, arm, strut};
+use crate::machine::bodies::{END_EFFECTOR, PLATFORM, SLOTS};
 use crate::machine::plate::MAX_PARTS;
 use crate::machine::{Geometry, MAX_LIMBS, MAX_STRUTS};
 
@@ -51,8 +51,7 @@ impl PlateMotions {
         let (mut gaps, mut lever) = (Square::zeros(), [0.0; MAX_STRUTS]);
         for s in 0..motion.struts() {
             let (u, limb) = (&motion.strut_axis[s], s / 2);
-            let upper = motion.bodies[strut(s)].position - motion.bodies[arm(limb)].position;
-            lever[s] = motion.arm_screw(limb).effort(&(*u, upper.cross(u)));
+            lever[s] = motion.upper_rate(s);
             let carrier = motion.carrier[s];
             let ball = motion.lower_ball(s) - motion.bodies[carrier].position;
             for (c, parts) in twists.iter().enumerate().take(own) {

@@ -4,10 +4,10 @@
 //! bodies, the generalised forces are Sᵀ·w. Every channel is the product of these with the twist of its own virtual
 //! motion.
 
-use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+use nalgebra::{Vector3, Vector6};
 
 use super::Output;
-use super::channels::{Twist, gap_inverse};
+use super::channels::{Three, Twist};
 use super::plate::PlateMotions;
 use crate::kinematics::{KinematicsError, Motion, Reactions};
 use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, strut};
@@ -38,12 +38,7 @@ enum Carried {
     /// Nothing: a disassembled machine.
     Nothing,
     /// The platform of three limbs.
-    Platform {
-        /// Platform velocity per arm rate, m/rad.
-        jacobian: Matrix3<f64>,
-        /// Platform twists per unit gap at each strut; `None` if strut forces are not requested.
-        gaps: Option<Matrix6<f64>>,
-    },
+    Platform(Three),
     /// Any plate.
     Plate(Box<PlateMotions>),
 }
@@ -58,8 +53,7 @@ impl<'a> Reduction<'a> {
         let carried = if !assembled {
             Carried::Nothing
         } else if geometry.has_platform_of_three() {
-            let jacobian = geometry.jacobian(&motion.q, &motion.bodies[PLATFORM].position)?;
-            Carried::Platform { jacobian, gaps: if with_struts { Some(gap_inverse(motion)?) } else { None } }
+            Carried::Platform(Three::new(geometry, motion, with_struts)?)
         } else {
             Carried::Plate(Box::new(PlateMotions::new(geometry, motion)?))
         };
@@ -72,18 +66,15 @@ impl<'a> Reduction<'a> {
         match &self.carried {
             Carried::Plate(plate) => self.balance_plate(plate, wrenches),
             Carried::Nothing => self.of_platform(wrenches, None),
-            Carried::Platform { jacobian, gaps } => self.of_platform(wrenches, Some((jacobian, gaps.as_ref()))),
+            Carried::Platform(three) => self.of_platform(wrenches, Some(three)),
         }
     }
 
-    fn of_platform(
-        &self,
-        wrenches: &[Twist; SLOTS],
-        platform: Option<(&Matrix3<f64>, Option<&Matrix6<f64>>)>,
-    ) -> Output {
+    fn of_platform(&self, wrenches: &[Twist; SLOTS], platform: Option<&Three>) -> Output {
         let sum = self.reduce(wrenches, platform.is_some());
+        let load = Vector6::new(sum.force.x, sum.force.y, sum.force.z, sum.moment.x, sum.moment.y, sum.moment.z);
         let mut tau = [0.0; AXES];
-        let through = platform.map_or(Vector3::zeros(), |(jacobian, _)| jacobian.tr_mul(&sum.force));
+        let through = platform.map_or(Vector3::zeros(), |three| three.jacobian.tr_mul(&load));
         for (i, tau) in tau.iter_mut().enumerate().take(self.motion.limbs) {
             *tau = -(sum.arms[i] + through.get(i).copied().unwrap_or(0.0));
         }
@@ -91,8 +82,7 @@ impl<'a> Reduction<'a> {
             tau[AXES - 1] = -sum.rotor;
         }
         let mut reactions = Reactions::ZERO;
-        if let Some((_, Some(gaps))) = platform {
-            let load = Vector6::new(sum.force.x, sum.force.y, sum.force.z, sum.moment.x, sum.moment.y, sum.moment.z);
+        if let Some(gaps) = platform.and_then(|three| three.gaps.as_ref()) {
             reactions = self.at_both_ends(wrenches, gaps.tr_mul(&load).as_slice());
         }
         Output { tau, reactions }
@@ -197,7 +187,7 @@ impl<'a> Reduction<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dynamics::channels::ChannelMap;
+    use crate::dynamics::channels::{ChannelMap, gap_inverse};
     use crate::dynamics::{Plant, STILL};
     use crate::kinematics::JointState;
     use crate::machine::STRUTS;

@@ -1,13 +1,13 @@
 //! Pre-sliding hysteresis of the arm drives: lost motion at reversals.
 
-use super::{About, Count, Effect, Instant, InternalStates, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
+use super::{
+    About, Count, Effect, Instant, InternalStates, Parameter, Part, Role, Spec, Unit, Values, Wrenches, presliding,
+};
 
-/// Dahl's law ([Dahl 1968]): τ_i = −T_i·z_i with internal state ż_i = (q̇_i − |q̇_i|·z_i)/δ, z_i(0) = 0.
+/// τ_i = −T_i·z_i with the internal state z_i of [`presliding`] over the angle δ, z_i(0) = 0.
 ///
-/// T in N·m, never negative; δ in rad; z dimensionless, |z| ≤ 1. In one direction z approaches ±1 as exp(−|Δq|/δ),
-/// independent of speed: in sliding the law is Coulomb friction T, near a reversal a spring T/δ. A cycle of amplitude A
-/// ≫ δ dissipates 4·T·(A − δ). The torque returns at most the energy T·δ·z²/2 stored in the spring. |q̇| is not
-/// smoothed: ż is continuous without it, and smoothing would violate |z| ≤ 1.
+/// T in N·m, never negative; δ in rad. In sliding the law is Coulomb friction T, near a reversal a spring T/δ. A cycle of
+/// amplitude A ≫ δ dissipates 4·T·(A − δ). The torque returns at most the energy T·δ·z²/2 stored in the spring.
 pub struct BacklashHysteresis;
 
 const MOMENT: usize = 0;
@@ -59,9 +59,7 @@ impl InternalStates for BacklashHysteresis {
     fn state_rate(&self, values: &Values, at: &Instant, rate: &mut [f64], slope: &mut [f64]) {
         let angle = values.one(ANGLE);
         for i in 0..rate.len() {
-            let qd = at.motion.qd[i];
-            rate[i] = (qd - qd.abs() * at.state[i]) / angle;
-            slope[i] = -qd.abs() / angle;
+            (rate[i], slope[i]) = presliding(at.state[i], at.motion.qd[i], angle);
         }
     }
 }

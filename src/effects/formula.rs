@@ -152,6 +152,7 @@ impl Formula {
             role: Role::Linear,
             default: if *size == 0.0 { 1.0 } else { size.abs() },
             range: (-LIMIT, LIMIT),
+            or_zero: false,
         };
         let parameters = terms.iter().map(parameter).collect();
         let terms: Vec<Term> = terms.into_iter().map(|(term, _)| term).collect();

@@ -95,7 +95,7 @@ mod tests {
     #[test]
     fn equal_shares_are_friction_by_load() {
         let both = ActiveEffect::new(Arc::new(GearEfficiency), &[&[0.04; 3], &[0.04; 3], &[100.0]]);
-        let load = ActiveEffect::new(find("gear_load_friction").unwrap(), &[&[0.04; 3], &[100.0]]);
+        let load = ActiveEffect::new(find("gear_load_friction").unwrap(), &[&[0.04; 3], &[100.0], &[0.0]]);
         for torque in [[50.0, -50.0, 20.0], [-3.0, 0.0, -70.0]] {
             assert_eq!(on_arms(&both, torque), on_arms(&load, torque));
         }

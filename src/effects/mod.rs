@@ -21,6 +21,7 @@ mod air_drag;
 mod axis4_friction;
 mod axis_gravity;
 mod backlash_hysteresis;
+mod ball_socket_clearance;
 mod ball_socket_coulomb;
 mod ball_socket_load_dependent;
 mod ball_socket_viscous;
@@ -51,6 +52,7 @@ mod rotor_inertia;
 mod signal_delay;
 mod strut_elasticity;
 mod strut_length_error;
+mod strut_pair_error;
 mod telescope_end_stop;
 mod telescope_friction;
 mod telescope_retract_friction;
@@ -69,6 +71,7 @@ pub use drive_elasticity::GearSpring;
 pub use interface::{
     About, ActiveEffect, Compliance, Count, Effects, Entry, Host, Instant, InternalStates, Kind, Layout, MachineView,
     Oscillator, Param, Parameter, Reads, Role, Search, Sensor, Spec, Start, Sway, Values, Wrenches, hunt_crossley,
+    presliding,
 };
 pub use strut_elasticity::StrutSpring;
 pub use torque_filter::LowPassStep;
@@ -103,8 +106,10 @@ pub static REGISTRY: LazyLock<Vec<Arc<dyn Effect>>> = LazyLock::new(|| {
         Arc::new(payload_compliance::PayloadCompliance),
         Arc::new(limb_asymmetry::LimbAsymmetry),
         Arc::new(strut_elasticity::StrutElasticity),
+        Arc::new(ball_socket_clearance::BallSocketClearance),
         Arc::new(clamp_springs::ClampSprings),
         Arc::new(strut_length_error::StrutLengthError),
+        Arc::new(strut_pair_error::StrutPairError),
         Arc::new(base_tilt::BaseTilt),
         Arc::new(frame_compliance::FrameCompliance),
         Arc::new(axis_gravity::AxisGravity),

@@ -44,7 +44,7 @@ mod tests {
     #[test]
     fn longer_struts_lower_the_platform() {
         // At home the struts of a symmetric robot meet at depth √(l² − ρ²), ρ = R + l₁ − r = 0.652 m:
-        // l 1.106 → 1.107 m lowers it from 0.893408 m to 0.894646 m.
+        // l 1.106 → 1.107 m lowers it from 0.893382 m to 0.894620 m.
         let mut geometry = crate::machine::testing::geometry();
         let before = geometry.forward(&[0.0; 3]).unwrap().z;
         let active = ActiveEffect::new(Arc::new(StrutLengthError), &[&[0.001; 3]]);

@@ -8,6 +8,7 @@ pub mod delta;
 mod home;
 pub mod motion;
 mod telescope;
+mod tilt;
 
 pub(crate) use arm::Arm;
 pub use arm::Screw;

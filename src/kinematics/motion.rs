@@ -1,6 +1,6 @@
 //! [`Motion`]: pose, twist and acceleration of all bodies, and the rates of all joints, at one time.
 
-use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Matrix6, Rotation3, UnitQuaternion, Vector3};
 
 use super::arm::{Arm, Screw};
 use super::delta::{JointState, KinematicsError, PlatformState};
@@ -226,6 +226,27 @@ impl Motion {
         self.bodies[PLATFORM].position - part.fixed - rotation * part.turning
     }
 
+    /// Velocity of the upper ball of strut `s` along the strut per rate of its arm, m/rad or 1.
+    #[inline]
+    pub fn upper_rate(&self, s: usize) -> f64 {
+        let (u, limb) = (&self.strut_axis[s], s / 2);
+        let lever = self.bodies[strut(s)].position - self.bodies[arm(limb)].position;
+        self.arm_screw(limb).effort(&(*u, lever.cross(u)))
+    }
+
+    /// Twists of the platform of three limbs per unit elongation of each strut with locked drives (velocity in m/m, angular
+    /// velocity in rad/m): inverse of the matrix with rows (uᵀ, (r × u)ᵀ). `None` where the struts do not hold the platform.
+    pub fn gap_twists(&self) -> Option<Matrix6<f64>> {
+        let mut rows = Matrix6::zeros();
+        for s in 0..STRUTS {
+            let u = self.strut_axis[s];
+            let r = self.lower_ball(s) - self.bodies[PLATFORM].position;
+            rows.fixed_view_mut::<1, 3>(s, 0).copy_from(&u.transpose());
+            rows.fixed_view_mut::<1, 3>(s, 3).copy_from(&r.cross(&u).transpose());
+        }
+        rows.try_inverse()
+    }
+
     /// Lower ball of strut `s` in the inertial frame, m.
     #[inline]
     pub fn lower_ball(&self, s: usize) -> Vector3<f64> {
@@ -241,14 +262,17 @@ impl Motion {
 }
 
 impl Motion {
-    /// Motion of the assembled robot for a joint motion, with bodies that carry ball pairs in pure translation and struts that
-    /// do not spin.
+    /// Motion of the assembled robot for a joint motion, with struts that do not spin. Bodies that carry ball pairs only
+    /// translate, unless the struts of a pair differ in length.
     ///
     /// # Errors
     /// Those of [`Geometry::forward_motion`].
     pub fn assembled(geometry: &Geometry, joints: &JointState) -> Result<Self, KinematicsError> {
         let (joints, platform) = geometry.complete(joints)?;
-        Ok(Self::with_platform(geometry, &joints, &platform))
+        match geometry.has_unequal_pairs() {
+            true => Self::tilted(geometry, &joints, &platform),
+            false => Ok(Self::with_platform(geometry, &joints, &platform)),
+        }
     }
 
     /// Motion of the arms and the rotor of a disassembled robot.
@@ -288,12 +312,14 @@ impl Motion {
         motion
     }
 
-    /// Motion of the assembled robot for a joint motion and the platform motion consistent with it.
+    /// Motion of the assembled robot for a joint motion and the platform motion consistent with it; both struts of a pair
+    /// have their mean length.
     pub fn with_platform(geometry: &Geometry, joints: &JointState, platform: &PlatformState) -> Self {
         let mut motion = Self::disassembled(geometry, joints);
         motion.place_plate(geometry, platform);
         for (i, limb) in geometry.limbs.iter().enumerate() {
-            let (body, axis) = strut_motion(limb, &motion.bodies[arm(i)], &motion.bodies[motion.carrier[2 * i]]);
+            let ends = StrutEnds { offset: Vector3::zeros(), point: limb.point, length: limb.strut_length };
+            let (body, axis) = strut_motion(limb, &motion.bodies[arm(i)], &motion.bodies[motion.carrier[2 * i]], &ends);
             let v = limb.tangential() * (0.5 * limb.pair_distance);
             for (s, offset) in [(2 * i, v), (2 * i + 1, -v)] {
                 motion.bodies[strut(s)] = BodyMotion { position: body.position + offset, ..body };
@@ -383,15 +409,29 @@ fn arm_motion(limb: &Limb, q: f64, qd: f64, qdd: f64) -> BodyMotion {
     }
 }
 
-/// Motion of a strut in the middle of its pair, at the elbow, and its axis; `plate` carries the lower ball pair.
+/// Where a strut ends, and its length, m.
+pub(super) struct StrutEnds {
+    /// Upper end from the middle of its pair, along the motor axis, inertial axes.
+    pub offset: Vector3<f64>,
+    /// Lower end in the frame of the plate's body.
+    pub point: Vector3<f64>,
+    /// Distance of both.
+    pub length: f64,
+}
+
+/// Motion of a strut and its axis; `plate` carries its lower end.
 ///
-/// The ball pair is parallel to the motor axis and the plate's body translates, so that only the arm length contributes to the
-/// lever.
-fn strut_motion(limb: &Limb, arm: &BodyMotion, plate: &BodyMotion) -> (BodyMotion, Vector3<f64>) {
-    let length = limb.strut_length;
+/// The upper ball pair is parallel to the motor axis, so that only the arm length contributes to the lever.
+pub(super) fn strut_motion(
+    limb: &Limb,
+    arm: &BodyMotion,
+    plate: &BodyMotion,
+    ends: &StrutEnds,
+) -> (BodyMotion, Vector3<f64>) {
+    let length = ends.length;
     let lever = arm.rotation.column(0) * limb.arm_length;
-    let elbow = arm.position + lever;
-    let point = plate.rotation * limb.point;
+    let elbow = arm.position + lever + ends.offset;
+    let point = plate.rotation * ends.point;
     let axis = (plate.position + point - elbow) / length;
     let turned = |omega: &Vector3<f64>, lever: &Vector3<f64>| omega.cross(&omega.cross(lever));
     let velocity = arm.velocity + arm.angular_velocity.cross(&lever);

@@ -52,8 +52,10 @@ pub struct Limb {
     pub base_height: f64,
     /// Distance of the elbow (middle of the ball pair) from the shaft; zero for carriages.
     pub arm_length: f64,
-    /// Distance of the two balls of a strut: both struts of a pair have equal length.
+    /// Distance of the two balls of a strut: the mean of both struts of a pair.
     pub strut_length: f64,
+    /// Length of the first strut of the pair (at +`tangential`) minus the second one's.
+    pub strut_difference: f64,
     /// Distance between the two balls of a pair.
     pub pair_distance: f64,
     /// Part of the plate that carries the lower ball pair.
@@ -77,6 +79,7 @@ impl Limb {
             base_height: 0.0,
             arm_length: 0.0,
             strut_length: 0.0,
+            strut_difference: 0.0,
             pair_distance: 0.0,
             part: 0,
             point: Vector3::zeros(),
@@ -288,6 +291,18 @@ impl Geometry {
     pub fn pair_offset(&self, strut: usize) -> f64 {
         let half = 0.5 * self.limbs[strut / 2].pair_distance;
         if strut.is_multiple_of(2) { half } else { -half }
+    }
+
+    /// Distance of the two balls of `strut`, m.
+    pub fn strut_length(&self, strut: usize) -> f64 {
+        let limb = &self.limbs[strut / 2];
+        let half = 0.5 * limb.strut_difference;
+        limb.strut_length + if strut.is_multiple_of(2) { half } else { -half }
+    }
+
+    /// Whether the struts of a pair differ in length, so that the platform of three limbs tilts.
+    pub fn has_unequal_pairs(&self) -> bool {
+        self.has_platform_of_three() && self.limbs.iter().any(|limb| limb.strut_difference != 0.0)
     }
 
     /// Upper ball of `strut` in the frame of its arm, m.

@@ -197,7 +197,7 @@ pub(super) fn stop(y: &mut [f64]) {
 fn store_stretches(y: &mut [f64], plant: &Plant, motion: &Motion) {
     let rates = rod::length_rates(plant, motion);
     for s in 0..STRUTS {
-        y[STRETCH + s] = motion.strut_length[s] - plant.geometry.limbs[s / 2].strut_length;
+        y[STRETCH + s] = motion.strut_length[s] - plant.geometry.strut_length(s);
         y[STRETCH_RATE + s] = rates[s];
     }
 }
@@ -282,7 +282,7 @@ pub(super) fn motion(plant: &Plant, y: &[f64]) -> Motion {
     if plant.assembled {
         for s in 0..STRUTS {
             out.strut_axis[s] = out.bodies[STRUT + s].rotation.column(0).into_owned();
-            out.strut_length[s] = geometry.limbs[s / 2].strut_length + y[STRETCH + s];
+            out.strut_length[s] = geometry.strut_length(s) + y[STRETCH + s];
         }
         let lower = &out.bodies[TELESCOPE_LOWER];
         out.telescope = Telescope::between(&lower.position, &lower.velocity, &geometry.upper_hooke());

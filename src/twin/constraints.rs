@@ -36,7 +36,7 @@ pub fn rows(geometry: &Geometry, motion: &Motion) -> [(f64, f64); ROWS] {
     for s in 0..STRUTS {
         let strut = &b[STRUT + s];
         let (on_arm, on_platform) = (geometry.elbow_ball(s), geometry.platform_ball(s));
-        let along = Vector3::new(geometry.limbs[s / 2].strut_length, 0.0, 0.0);
+        let along = Vector3::new(geometry.strut_length(s), 0.0, 0.0);
         out.same_point(Moving::point(strut, Vector3::zeros()), Moving::point(&b[ARM + s / 2], on_arm));
         out.same_point(Moving::point(strut, along), Moving::point(&b[PLATFORM], on_platform));
     }

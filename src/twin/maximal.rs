@@ -348,7 +348,7 @@ impl Workspace {
         damping: Option<&[Added; BODIES]>,
         stretches: Option<&Stretches>,
     ) -> Result<(), SingularPose> {
-        let rigid = |s: usize| plant.geometry.limbs[s / 2].strut_length;
+        let rigid = |s: usize| plant.geometry.strut_length(s);
         let lengths = std::array::from_fn(|s| stretches.map_or(rigid(s), |all| all[s].length()));
         self.rows.fill(&plant.geometry, &lengths, bodies, closed);
         self.regularised = false;

@@ -39,7 +39,7 @@ impl Rod {
 
     /// Rods of all six struts of a machine.
     pub fn all(plant: &Plant) -> [Self; STRUTS] {
-        std::array::from_fn(|s| Self::new(&plant.bodies[STRUT + s], plant.geometry.limbs[s / 2].strut_length))
+        std::array::from_fn(|s| Self::new(&plant.bodies[STRUT + s], plant.geometry.strut_length(s)))
     }
 
     /// Inertia about the upper ball at another length (m), in the strut's frame.

@@ -2,9 +2,7 @@
 
 use std::sync::Arc;
 
-#[cfg(doc)]
-use super::InternalStates;
-use super::{Count, Effects, Instant, Layout, Param, Parameter, Role, Values};
+use super::{Count, Effects, Instant, InternalStates, Layout, Param, Parameter, Role, Values};
 use crate::effects::{Effect, GearSpring, StrutSpring};
 use crate::kinematics::JointState;
 use crate::machine::{AXES, Bodies, Drive, Geometry, Joint, Mechanism, Part, STRUTS, Sockets};
@@ -169,6 +167,11 @@ impl ActiveEffect {
         self.effect.states().map_or_else(Vec::new, |own| own.initial_state(&self.values()))
     }
 
+    /// Whether the internal states depend on strut forces, see [`InternalStates::reads_reactions`].
+    pub fn states_read_reactions(&self) -> bool {
+        self.effect.states().is_some_and(InternalStates::reads_reactions) && self.states() > 0
+    }
+
     /// Internal states in equilibrium with the motion at an instant, see [`InternalStates::steady_state`].
     pub fn steady_state(&self, at: &Instant) -> Vec<f64> {
         self.effect.states().map_or_else(Vec::new, |own| own.steady_state(&self.values(), at))
@@ -236,6 +239,9 @@ impl ActiveEffect {
                 let mut parameter = self.host.parameter(self.effect.acts_on(), p);
                 if p.count == Count::AllDrives && i >= self.host.mechanism.arms() {
                     parameter.default *= TELESCOPE_DRIVE;
+                }
+                if p.or_zero && self.values().block(b)[i] == 0.0 {
+                    parameter.role = Role::Fixed;
                 }
                 let name = match p.count {
                     Count::One => p.name.to_string(),

@@ -79,12 +79,15 @@ pub struct Parameter {
     pub default: f64,
     /// Lower and upper bound.
     pub range: (f64, f64),
+    /// Whether zero is allowed although it is below the range: the law without what a shape parameter describes. At zero it
+    /// is a constant and not estimated.
+    pub or_zero: bool,
 }
 
 impl Parameter {
     /// A parameter of one value, with its nominal magnitude and its allowed range.
     pub const fn new(name: &'static str, unit: Unit, role: Role, default: f64, range: (f64, f64)) -> Self {
-        Self { name: Cow::Borrowed(name), unit, count: Count::One, role, default, range }
+        Self { name: Cow::Borrowed(name), unit, count: Count::One, role, default, range, or_zero: false }
     }
 
     /// The parameter with another number of values.
@@ -97,6 +100,17 @@ impl Parameter {
     pub const fn within(mut self, range: (f64, f64)) -> Self {
         self.range = range;
         self
+    }
+
+    /// The parameter with zero allowed, see [`Self::or_zero`].
+    pub const fn or_zero(mut self) -> Self {
+        self.or_zero = true;
+        self
+    }
+
+    /// Least value that the law admits.
+    pub fn least(&self) -> f64 {
+        if self.or_zero { self.range.0.min(0.0) } else { self.range.0 }
     }
 
     /// The constant turned into a shape parameter, to be estimated within `range`.

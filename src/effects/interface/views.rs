@@ -15,6 +15,12 @@ pub trait InternalStates {
     /// derivative of each rate with respect to its own state, which the twin integrates implicitly.
     fn state_rate(&self, values: &Values, at: &Instant, rate: &mut [f64], slope: &mut [f64]);
 
+    /// Whether the rates and the equilibrium depend on the strut forces, [`Instant::reactions`]; such states are known by
+    /// [`Self::step_along`].
+    fn reads_reactions(&self) -> bool {
+        false
+    }
+
     /// Internal states in equilibrium with the motion at an instant, whose own states are not used: those at the start
     /// of a run or a recording, and those of an instant without a past.
     fn steady_state(&self, values: &Values, _at: &Instant) -> Vec<f64> {
@@ -22,7 +28,8 @@ pub trait InternalStates {
     }
 
     /// Internal states at the end of a step along a measured motion, from those at its start, for equations whose
-    /// solution is known; `None` leaves the step to a general method.
+    /// solution is known; `None` leaves the step to a general method. Strut forces at both ends are those with the states at
+    /// the start.
     fn step_along(&self, _values: &Values, _from: &Instant, _to: &Instant) -> Option<Vec<f64>> {
         None
     }

@@ -2,9 +2,10 @@
 
 use super::Joints;
 use crate::dynamics::Plant;
-use crate::effects::{ActiveEffect, Instant, Kind};
+use crate::effects::{ActiveEffect, Instant, Kind, Role};
 use crate::identification::Dataset;
-use crate::kinematics::KinematicsError;
+use crate::kinematics::{KinematicsError, Reactions};
+use crate::machine::Part;
 
 /// Internal states of several effects at each sample.
 pub(super) struct InternalStates {
@@ -15,7 +16,8 @@ pub(super) struct InternalStates {
 }
 
 impl InternalStates {
-    /// Integrates the effects' internal states along a motion; those of [`Kind::Encoder`] stay constant.
+    /// Integrates the effects' internal states along a motion; those of [`Kind::Encoder`] stay constant. States that depend on
+    /// strut forces take those of the plant with these effects.
     pub(super) fn along(
         plant: &Plant,
         effects: &[&ActiveEffect],
@@ -36,27 +38,45 @@ impl InternalStates {
             let initial: Vec<f64> = effects.iter().flat_map(|a| a.initial_state()).collect();
             return Ok(Self { starts, values: initial.repeat(dataset.len()) });
         }
+        let host = host(plant, effects);
+        let of_host: Vec<&ActiveEffect> = host.iter().flat_map(|host| &host.effects).collect();
+        let all = [effects, &of_host].concat();
         let mut motions = [joints.motion(0)?; 2];
-        let first = plant.instant(dataset.t[0], &motions[0], &[]);
+        let resting = host.as_ref().map_or(Reactions::ZERO, |host| host.resting_reactions(dataset.t[0], &motions[0]));
+        let first = Instant { reactions: &resting, ..plant.instant(dataset.t[0], &motions[0], &[]) };
         let start = |a: &&ActiveEffect| if moving(a) { a.steady_state(&first) } else { a.initial_state() };
-        let mut now: Vec<Vec<f64>> = effects.iter().map(start).collect();
+        let mut now: Vec<Vec<f64>> = all.iter().map(start).collect();
+        // States on the drives, and those of effects without action, do not change the forces of the struts.
+        let keeps_forces =
+            of_host.iter().all(|a| a.states() == 0 || a.effect.acts_on() == Part::Drives || is_absent(a));
+        let mut forces = [Reactions::ZERO; 2];
         let mut values = Vec::with_capacity(dataset.len() * width);
         for k in 0..dataset.len() {
             if k > 0 {
                 motions = [motions[1], joints.motion(k)?];
                 let ends: [Instant; 2] = std::array::from_fn(|i| plant.instant(dataset.t[k - 1 + i], &motions[i], &[]));
+                if let Some(host) = &host {
+                    let states: Vec<&[f64]> = now[effects.len()..].iter().map(Vec::as_slice).collect();
+                    let at_end = |i: usize| host.reactions(ends[i].t, ends[i].motion, &states);
+                    forces = [if k > 1 && keeps_forces { forces[1] } else { at_end(0) }, at_end(1)];
+                }
+                let ends: [Instant; 2] = std::array::from_fn(|i| Instant { reactions: &forces[i], ..ends[i] });
                 let rate = |active: &ActiveEffect, end: bool, state: &[f64]| {
                     let (mut rate, mut slope) = (vec![0.0; state.len()], vec![0.0; state.len()]);
                     active.state_rate(&Instant { state, ..ends[usize::from(end)] }, &mut rate, &mut slope);
                     (rate, slope)
                 };
                 let h = dataset.t[k] - dataset.t[k - 1];
-                for (active, x) in effects.iter().zip(&mut now).filter(|(a, _)| moving(a)) {
-                    let known = active.step_along(&Instant { state: x, ..ends[0] }, &ends[1]);
-                    *x = known.unwrap_or_else(|| exponential_heun(x, h, |end, state| rate(active, end, state)));
-                }
+                let step = |(active, x): (&&ActiveEffect, &Vec<f64>)| {
+                    if !moving(active) {
+                        return x.clone();
+                    }
+                    let known = active.step_along(&Instant { state: x, ..ends[0] }, &Instant { state: x, ..ends[1] });
+                    known.unwrap_or_else(|| exponential_heun(x, h, |end, state| rate(active, end, state)))
+                };
+                now = all.iter().zip(&now).map(step).collect();
             }
-            values.extend(now.iter().flatten());
+            values.extend(now[..effects.len()].iter().flatten());
         }
         Ok(Self { starts, values })
     }
@@ -71,6 +91,24 @@ impl InternalStates {
     pub(super) fn at(&self, k: usize) -> Vec<&[f64]> {
         (0..self.starts.len() - 1).map(|i| self.of(k, i)).collect()
     }
+}
+
+/// Whether all linear parameters of an effect are zero.
+fn is_absent(active: &ActiveEffect) -> bool {
+    let mut all = active.entries().into_iter().zip(&active.values);
+    all.all(|(entry, value)| entry.parameter.role != Role::Linear || *value == 0.0)
+}
+
+/// The plant with those of `effects` whose states depend on strut forces, as if they were in it; `None` without any.
+fn host(plant: &Plant, effects: &[&ActiveEffect]) -> Option<Plant> {
+    let mut host: Option<Plant> = None;
+    for active in effects.iter().filter(|a| a.states_read_reactions()) {
+        let host = host.get_or_insert_with(|| plant.clone());
+        if host.effects.iter().all(|a| a.effect.name() != active.effect.name()) {
+            host.effects.push((*active).clone());
+        }
+    }
+    host
 }
 
 /// One step of the exponential Heun method for ẋ = f(t, x): exact for f linear in x with constant slope λ, otherwise

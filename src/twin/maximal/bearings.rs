@@ -130,5 +130,5 @@ fn first_block(body: usize) -> usize {
 }
 
 fn lengths(plant: &Plant) -> [f64; STRUTS] {
-    std::array::from_fn(|s| plant.geometry.limbs[s / 2].strut_length)
+    std::array::from_fn(|s| plant.geometry.strut_length(s))
 }

@@ -123,7 +123,7 @@ pub(super) fn joints(plant: &Plant, rng: &mut ChaCha8Rng) -> JointState {
 }
 
 pub(super) fn lengths(plant: &Plant) -> [f64; STRUTS] {
-    std::array::from_fn(|s| plant.geometry.limbs[s / 2].strut_length)
+    std::array::from_fn(|s| plant.geometry.strut_length(s))
 }
 
 pub(super) fn vector(rng: &mut ChaCha8Rng, size: f64) -> Vector3<f64> {

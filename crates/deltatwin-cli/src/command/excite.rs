@@ -7,9 +7,7 @@ use miette::{IntoDiagnostic, WrapErr, miette};
 use nalgebra::Vector3;
 use serde_json::{Map, Value, json};
 
-use crate::terminal::{
-    DONE, INTERRUPTED, Table, assembled_robot, bar, catch_interrupt, check_output, interrupted, path, say, wrapped,
-};
+use crate::terminal::{DONE, INTERRUPTED, Table, bar, catch_interrupt, check_output, interrupted, path, say, wrapped};
 use deltatwin::effects::{ActiveEffect, Role};
 use deltatwin::excitation::discriminate::{Discrimination, discriminate};
 use deltatwin::excitation::experiments::{Experiment, Kind};
@@ -149,9 +147,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let options = args.options()?;
     let budget = Duration::from_secs_f64(within("budget", args.budget, 0.0, 1e6, " s")?);
     let model = model::read(&args.model)?;
-    if model.assembled {
-        assembled_robot(&args.model)?;
-    } else {
+    if !model.assembled {
         let what = match model.mechanism {
             Mechanism::Delta { .. } => "is disassembled",
             Mechanism::Axis(_) => "is a single axis",

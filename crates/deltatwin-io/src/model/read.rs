@@ -429,7 +429,7 @@ fn read_effect(table: &Table, effect: Arc<dyn Effect>, host: Host) -> Checked<Ac
             table.numbers(
                 &p.name,
                 Shape::of(p, host.mechanism),
-                &Bounds::between(p.range.0, p.range.1),
+                &Bounds::between(p.least(), p.range.1),
                 Some(p.unit),
             )?
         } else {
