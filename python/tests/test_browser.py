@@ -28,6 +28,7 @@ WIDTHS = {"wide": 1280, "narrow": 390}
 SCHEMES = ("light", "dark")
 # Longest wait for a stage on a busy machine, ms.
 LONG = 120_000
+sync_api.expect.set_options(timeout=LONG)
 
 # Everything that the tabulator must reach, numbered.
 CONTROLS = """() => [...document.querySelectorAll("a[href], button, select, input, summary, [tabindex='0']")]
@@ -91,7 +92,7 @@ def tabbed(page: Any) -> None:
 def press(page: Any, part: str, name: str) -> None:
     """Tabs to the button of this name in a part of the page and presses Enter."""
     button = page.locator(part).get_by_role("button", name=name, exact=True).first
-    sync_api.expect(button).to_be_enabled(timeout=LONG)
+    sync_api.expect(button).to_be_enabled()
     for _ in range(300):
         if button.evaluate("e => e === document.activeElement"):
             page.keyboard.press("Enter")
@@ -198,16 +199,17 @@ def test_the_loop_in_the_studio_by_keyboard_and_every_stage_on_every_screen(brow
         press(page, "main", then)
     found = page.locator(".candidate.found button").first
     found.wait_for(timeout=LONG)
+    sync_api.expect(page.locator("#job")).to_be_hidden()
     added = found.inner_text()
     tabbed(page)
     press(page, "main", added)
     sync_api.expect(current).to_have_text("Add")
-    sync_api.expect(page.locator("#versions li.current")).to_contain_text("+ ", timeout=LONG)
+    sync_api.expect(page.locator("#versions li.current")).to_contain_text("+ ")
     for stage, part in PARTS.items():
         page.locator("#steps").get_by_role("button", name=stage).click()
         sync_api.expect(current).to_have_text(stage)
-        sync_api.expect(page.locator("#job")).to_be_hidden(timeout=LONG)
-        page.locator("#panel").locator(part).first.wait_for()
+        sync_api.expect(page.locator("#job")).to_be_hidden()
+        page.locator("#panel").locator(part).first.wait_for(timeout=LONG)
         look(page, stage)
         tabbed(page)
     press(page, "main", "Save the page")
