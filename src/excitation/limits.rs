@@ -69,8 +69,7 @@ pub struct Limits {
     acceleration: [f64; AXES],
     torque: [f64; AXES],
     clamps: Clamps,
-    /// [`Geometry::closure_determinant`] at the home pose.
-    home: f64,
+    telescope: bool,
     /// Angle of the Hooke joints at their stops, rad; infinite without.
     hooke: f64,
     axes: usize,
@@ -82,6 +81,7 @@ impl Limits {
         match name {
             "hemisphere" => self.hemisphere.is_some(),
             "hooke_angle" => self.hooke.is_finite(),
+            "telescope_length" => self.telescope,
             _ => true,
         }
     }
@@ -92,7 +92,7 @@ impl Limits {
             share,
             hemisphere,
             axes: model.mechanism.axes(),
-            home: home(&model.geometry).unwrap_or(1.0),
+            telescope: model.mechanism.has_telescope(),
             speed: model.drives.map(|d| d.max_speed),
             acceleration: model.drives.map(|d| d.max_acceleration),
             torque: model.drives.map(|d| d.max_torque),
@@ -132,7 +132,7 @@ impl Limits {
         }
         out[PARALLEL] = match geometry.has_platform_of_three() {
             true => 1.0 + MIN_PARALLEL - directions.determinant().abs(),
-            false => 1.0 + MIN_CLOSURE - geometry.closure_determinant(&joints.q, platform) / self.home,
+            false => 1.0 + MIN_CLOSURE - geometry.closure_share(&joints.q, platform),
         };
         if geometry.has_telescope() {
             let length = within(geometry.telescope_length(&platform.position), geometry.telescope_limits);
@@ -158,10 +158,4 @@ impl Limits {
         }
         out
     }
-}
-
-/// Determinant of the closure at the home pose; `None` where there is no such pose.
-fn home(geometry: &Geometry) -> Option<f64> {
-    let (joints, platform) = geometry.complete(&JointState::default()).ok()?;
-    Some(geometry.closure_determinant(&joints.q, &platform)).filter(|d| *d != 0.0)
 }

@@ -14,6 +14,8 @@ use crate::model::Model;
 pub(super) const STEEPNESS: f64 = 100.0;
 /// Decrease of ln(unexplained) required for a lag, of the mean over the axes or of one axis with a lag of its own.
 const LAG_GAIN: f64 = 0.4;
+/// Share of the mean square of one axis' torque that a lag of its own may leave unexplained.
+const LAG_LEFT: f64 = 0.25;
 /// Ratio to the noise that a constant must exceed, and share of the residual's mean square that it must explain.
 const OFFSET: (f64, f64) = (2.0, 0.5);
 
@@ -149,7 +151,14 @@ impl<'a> Context<'a> {
             let least = least(costs)?;
             Some((axis, least as isize - reach as isize, costs[reach] - costs[least]))
         };
-        let clear = |(_, lag, gain): &(usize, isize, f64)| lag.unsigned_abs() % reach.max(1) != 0 && *gain > LAG_GAIN;
+        // A torque that hardly follows the model at any lag has none.
+        let follows = |axis: usize, lag: isize| {
+            let power = rms(&self.instants.measured(axis, lag)).powi(2);
+            self.fit(axis, lag).is_some_and(|fit| fit.mean_square < LAG_LEFT * power)
+        };
+        let clear = |(axis, lag, gain): &(usize, isize, f64)| {
+            lag.unsigned_abs() % reach.max(1) != 0 && *gain > LAG_GAIN && follows(*axis, *lag)
+        };
         let mut late = costs.iter().enumerate().filter_map(best).filter(clear);
         let (Some((axis, lag, _)), None) = (late.next(), late.next()) else { return None };
         let (k, milliseconds) = (axis + 1, rounded(1e3 * lag as f64 * dt, 4));

@@ -21,6 +21,13 @@ pub(crate) struct Pair {
     pub curvature: Vector3<f64>,
 }
 
+impl Pair {
+    /// Third derivative with respect to ψ, m/rad³: only what turns has a second one.
+    pub fn third(&self) -> Vector3<f64> {
+        Vector3::z().cross(&self.curvature)
+    }
+}
+
 /// The plate and the passive arms at given drives.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Closed {
@@ -98,12 +105,16 @@ impl Geometry {
         Ok(at(psi)? / at(0.0)?)
     }
 
-    /// Determinant of the closure at the angles of all arms (rad or m) and the pose of the plate, of its normal matrix where
-    /// there are more limbs than unknowns: zero where the drives lose the plate. Only ratios of it have a meaning.
-    pub fn closure_determinant(&self, q: &[f64], platform: &PlatformState) -> f64 {
-        let passive = self.limbs.iter().position(|limb| !limb.driven).map_or(0.0, |first| q[first]);
-        let at = Closed { position: platform.position, psi: platform.psi[0], passive };
-        self.rows(q, &at).0.determinant()
+    /// Determinant of the closure at the angles of all arms (rad or m) and the pose of the plate over the one with all drives at
+    /// zero, of its normal matrix where there are more limbs than unknowns: zero where the drives lose the plate.
+    pub fn closure_share(&self, q: &[f64], platform: &PlatformState) -> f64 {
+        let passive = |q: &[f64]| self.limbs.iter().position(|limb| !limb.driven).map_or(0.0, |first| q[first]);
+        let at = |q: &[f64], platform: &PlatformState| {
+            let at = Closed { position: platform.position, psi: platform.psi[0], passive: passive(q) };
+            self.rows(q, &at).0.determinant()
+        };
+        let home = self.complete(&JointState::default()).map_or(1.0, |(joints, platform)| at(&joints.q, &platform));
+        at(q, platform) / home
     }
 
     /// Angles of all arms (rad or m) with those of the passive ones equal to `passive`.

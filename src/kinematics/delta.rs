@@ -371,20 +371,33 @@ impl Geometry {
         LimbStep { strut: l, serial, rate, acceleration }
     }
 
-    /// Third derivatives of the arm coordinates (rad/s³ or m/s³) of three limbs and a platform for the platform motion of
-    /// [`Geometry::inverse_motion`] with jerk `jerk` (m/s³).
-    pub fn inverse_jerk(&self, platform: &PlatformState, joints: &JointState, jerk: &Vector3<f64>) -> [f64; ARMS] {
-        std::array::from_fn(|i| {
+    /// Third derivatives of the coordinates (rad/s³ or m/s³) of all arms, and of an axis that turns the end effector, for the
+    /// platform motion of [`Geometry::inverse_motion`], settled, with jerk `jerk` (m/s³) and ψ⃛ = `turning` (rad/s³).
+    pub fn inverse_jerk(
+        &self,
+        platform: &PlatformState,
+        joints: &JointState,
+        jerk: &Vector3<f64>,
+        turning: f64,
+    ) -> [f64; AXES] {
+        let mut out = [0.0; AXES];
+        out[AXES - 1] = turning;
+        let [psi, first, second] = platform.psi;
+        for (i, limb) in self.limbs.iter().enumerate() {
             // d²/dt² of l·l̇ = 0: 3 l̇·l̈ + l·l⃛ = 0.
             let (rate, acceleration) = (joints.qd[i], joints.qdd[i]);
-            let arm = Arm::new(&self.limbs[i], joints.q[i]);
-            let l = platform.position + self.limbs[i].point - arm.elbow;
-            let ld = platform.velocity - arm.slope * rate;
-            let ldd = platform.acceleration - arm.slope * acceleration - arm.curvature * (rate * rate);
-            let third = arm.third(self.limbs[i].actuator);
-            let rest = jerk - arm.curvature * (3.0 * rate * acceleration) - third * rate.powi(3);
-            (3.0 * ld.dot(&ldd) + l.dot(&rest)) / l.dot(&arm.slope)
-        })
+            let (arm, pair) = (Arm::new(limb, joints.q[i]), self.pair(limb, psi));
+            let l = platform.position + pair.offset - arm.elbow;
+            let ld = platform.velocity + pair.slope * first - arm.slope * rate;
+            let ball = platform.acceleration + pair.slope * second + pair.curvature * (first * first);
+            let ldd = ball - arm.slope * acceleration - arm.curvature * (rate * rate);
+            let ball =
+                jerk + pair.slope * turning + pair.curvature * (3.0 * first * second) + pair.third() * first.powi(3);
+            let third = arm.third(limb.actuator);
+            let rest = ball - arm.curvature * (3.0 * rate * acceleration) - third * rate.powi(3);
+            out[i] = (3.0 * ld.dot(&ldd) + l.dot(&rest)) / l.dot(&arm.slope);
+        }
+        out
     }
 
     /// Vector (m) from the lower to the upper Hooke joint of the telescope for a platform position (m, inertial frame).

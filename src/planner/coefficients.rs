@@ -6,11 +6,10 @@
 //! of the reference motion.
 
 use super::PathPoint;
-use super::limits::{LOADS, forces};
+use super::limits::{self, LOADS};
 use crate::constraint_forces::{Detail, Multipliers, Statics, rigid_loads};
-use crate::dynamics::{Plant, STILL, Twist, add_effects, reads_loads};
+use crate::dynamics::{Output, Plant, STILL, Twist, add_effects, balance, reads_loads, steady_inverse_dynamics};
 use crate::kinematics::{KinematicsError, Motion};
-use crate::machine::AXES;
 use crate::machine::bodies::SLOTS;
 
 /// Coefficients of the four torques (N·m), λ_E (N·m, N), λ_P and λ_S (N) at a point of a path.
@@ -72,10 +71,10 @@ impl<'a> Machine<'a> {
         let geometry = &self.plant.geometry;
         let unit = point.unit_acceleration(geometry);
         let solver = Solver::new(self.plant, &unit, self.detail)?;
-        let a = solver.rigid(&self.weightless, &unit);
+        let a = solver.rigid(&self.weightless, &unit)?;
         let pace = point.motion(geometry, 1.0, 0.0);
-        let b = solver.rigid(&self.weightless, &pace);
-        let with_weight = solver.rigid(self.plant, &unit);
+        let b = solver.rigid(&self.weightless, &pace)?;
+        let with_weight = solver.rigid(self.plant, &unit)?;
         let mut c: [f64; LOADS] = std::array::from_fn(|k| with_weight[k] - a[k]);
         let mut d = [0.0; LOADS];
         if !self.plant.effects.is_empty() {
@@ -83,12 +82,12 @@ impl<'a> Machine<'a> {
             let step = SPEED_STEP * speed;
             let at = |speed: f64| Motion::along(&pace, &unit, speed, acceleration);
             let (here, ahead) = (at(speed), at(speed + step));
-            let laws = |motion: &Motion, loads: Option<&Multipliers>, mut wrenches| -> Result<_, KinematicsError> {
+            let laws = |motion: &Motion, loads: Option<&Output>, mut wrenches| -> Result<_, KinematicsError> {
                 let own = self.plant.steady_states(0.0, motion);
                 let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
                 add_effects(self.plant, 0.0, motion, &states, None, &mut wrenches)?;
                 if let Some(loads) = loads {
-                    add_effects(self.plant, 0.0, motion, &states, Some(&loads.output()), &mut wrenches)?;
+                    add_effects(self.plant, 0.0, motion, &states, Some(loads), &mut wrenches)?;
                 }
                 Ok(wrenches)
             };
@@ -97,12 +96,11 @@ impl<'a> Machine<'a> {
                 let rigid = rigid_loads(self.plant, 0.0, &here, Detail::Complete);
                 for _ in 0..LOAD_ITERATIONS {
                     let wrenches = laws(&here, loads.as_ref(), rigid)?;
-                    loads = Some(solver.complete.solve(&solver.complete.loads(&here, &wrenches)));
+                    loads = Some(solver.output(&here, &wrenches)?);
                 }
             }
-            let [now, next] = [&here, &ahead].map(|motion| {
-                laws(motion, loads.as_ref(), [STILL; SLOTS]).map(|wrenches| solver.solve(motion, &wrenches))
-            });
+            let [now, next] =
+                [&here, &ahead].map(|motion| solver.solve(motion, &laws(motion, loads.as_ref(), [STILL; SLOTS])?));
             let (now, next) = (now?, next?);
             for k in 0..LOADS {
                 d[k] = (next[k] - now[k]) / step;
@@ -119,6 +117,9 @@ impl<'a> Machine<'a> {
     /// The error of the kinematics where the constraint forces are indeterminate.
     pub fn loads(&self, motion: &Motion) -> Result<[f64; LOADS], KinematicsError> {
         use crate::constraint_forces::constraint_forces;
+        if !self.plant.is_closed_delta() {
+            return Ok(of_plate(&steady_inverse_dynamics(self.plant, 0.0, motion, true)?));
+        }
         let own = self.plant.steady_states(0.0, motion);
         let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
         let complete = constraint_forces(self.plant, 0.0, motion, &states, Detail::Complete)?;
@@ -130,42 +131,61 @@ impl<'a> Machine<'a> {
 }
 
 fn join(torques: &Multipliers, limited: &Multipliers) -> [f64; LOADS] {
-    let mut out = [0.0; LOADS];
-    out[..AXES].copy_from_slice(&torques.output().tau);
-    out[AXES..].copy_from_slice(&forces(limited));
-    out
+    limits::loads(&torques.output().tau, &limited.lambda_e, &limited.output())
+}
+
+/// Loads of a machine whose end effector has no bearing of its own.
+fn of_plate(output: &Output) -> [f64; LOADS] {
+    limits::loads(&output.tau, &Default::default(), output)
 }
 
 /// Equilibrium equations: torques always from the complete loads, constraint forces from the requested detail.
-struct Solver {
-    complete: Statics,
-    reduced: Option<Statics>,
+enum Solver<'a> {
+    /// Three limbs and one platform.
+    Three { complete: Box<Statics>, reduced: Option<Box<Statics>> },
+    /// Any plate.
+    Plate(&'a Plant),
 }
 
-impl Solver {
-    fn new(plant: &Plant, motion: &Motion, detail: Detail) -> Result<Self, KinematicsError> {
-        let reduced = (detail == Detail::Reduced).then(|| Statics::of(plant, motion, Detail::Reduced)).transpose()?;
-        Ok(Self { complete: Statics::of(plant, motion, Detail::Complete)?, reduced })
+impl<'a> Solver<'a> {
+    fn new(plant: &'a Plant, motion: &Motion, detail: Detail) -> Result<Self, KinematicsError> {
+        if !plant.is_closed_delta() {
+            return Ok(Self::Plate(plant));
+        }
+        let of = |detail: Detail| Statics::of(plant, motion, detail).map(Box::new);
+        let reduced = (detail == Detail::Reduced).then(|| of(Detail::Reduced)).transpose()?;
+        Ok(Self::Three { complete: of(Detail::Complete)?, reduced })
     }
 
-    fn solve(&self, motion: &Motion, wrenches: &[Twist; SLOTS]) -> [f64; LOADS] {
-        let complete = self.complete.solve(&self.complete.loads(motion, wrenches));
-        match &self.reduced {
-            None => join(&complete, &complete),
-            Some(statics) => join(&complete, &statics.solve(&statics.loads(motion, wrenches))),
+    /// Torques and strut forces from the complete loads.
+    fn output(&self, motion: &Motion, wrenches: &[Twist; SLOTS]) -> Result<Output, KinematicsError> {
+        match self {
+            Self::Plate(plant) => balance(plant, motion, wrenches),
+            Self::Three { complete, .. } => Ok(complete.solve(&complete.loads(motion, wrenches)).output()),
         }
+    }
+
+    fn solve(&self, motion: &Motion, wrenches: &[Twist; SLOTS]) -> Result<[f64; LOADS], KinematicsError> {
+        self.of_details(motion, wrenches, || *wrenches)
     }
 
     /// Torques and constraint forces due to inertia and weight alone.
-    fn rigid(&self, plant: &Plant, motion: &Motion) -> [f64; LOADS] {
+    fn rigid(&self, plant: &Plant, motion: &Motion) -> Result<[f64; LOADS], KinematicsError> {
         let wrenches = rigid_loads(plant, 0.0, motion, Detail::Complete);
-        let complete = self.complete.solve(&self.complete.loads(motion, &wrenches));
-        match &self.reduced {
+        self.of_details(motion, &wrenches, || rigid_loads(plant, 0.0, motion, Detail::Reduced))
+    }
+
+    fn of_details(
+        &self,
+        motion: &Motion,
+        wrenches: &[Twist; SLOTS],
+        fewer: impl Fn() -> [Twist; SLOTS],
+    ) -> Result<[f64; LOADS], KinematicsError> {
+        let Self::Three { complete, reduced } = self else { return Ok(of_plate(&self.output(motion, wrenches)?)) };
+        let complete = complete.solve(&complete.loads(motion, wrenches));
+        Ok(match reduced {
             None => join(&complete, &complete),
-            Some(statics) => {
-                let wrenches = rigid_loads(plant, 0.0, motion, Detail::Reduced);
-                join(&complete, &statics.solve(&statics.loads(motion, &wrenches)))
-            }
-        }
+            Some(statics) => join(&complete, &statics.solve(&statics.loads(motion, &fewer()))),
+        })
     }
 }

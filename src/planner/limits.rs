@@ -1,7 +1,8 @@
 //! Limits on a motion along a path, (35)–(37) of the paper.
 
-use crate::constraint_forces::{Detail, Multipliers};
-use crate::machine::{AXES, Drive, Mechanism, STRUTS, Unit};
+use crate::constraint_forces::Detail;
+use crate::dynamics::Output;
+use crate::machine::{AXES, Drive, MAX_STRUTS, Mechanism, Unit};
 use crate::model::Model;
 
 /// Number of limited quantities affine in s̈: accelerations, torques, λ_E, λ_P, λ_S.
@@ -9,7 +10,9 @@ pub const QUANTITIES: usize = 2 * AXES + FORCES;
 /// Number of those from the dynamics: torques, λ_E, λ_P, λ_S.
 pub const LOADS: usize = AXES + FORCES;
 /// Number of components of λ_E, λ_P and λ_S.
-const FORCES: usize = 5 + 2 * STRUTS;
+const FORCES: usize = BEARING + 2 * MAX_STRUTS;
+/// Number of components of λ_E.
+const BEARING: usize = 5;
 
 /// Limits on the motion, symmetric: |value| ≤ limit; infinite where there is none.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -118,12 +121,14 @@ impl Limit {
     /// Limit of the affine quantity `k`.
     pub fn affine(k: usize) -> Self {
         const E: usize = 2 * AXES;
+        const P: usize = E + BEARING;
+        const S: usize = P + MAX_STRUTS;
         match k {
             0..AXES => Self::Acceleration(k),
             AXES..E => Self::Torque(k - AXES),
-            E..13 => Self::LambdaE(k - E),
-            13..19 => Self::LambdaP(k - 13),
-            _ => Self::LambdaS(k - 19),
+            E..P => Self::LambdaE(k - E),
+            P..S => Self::LambdaP(k - P),
+            _ => Self::LambdaS(k - S),
         }
     }
 
@@ -155,11 +160,14 @@ impl std::fmt::Display for Limit {
     }
 }
 
-/// λ_E, λ_P and λ_S of all multipliers, in the order of the quantities.
-pub(super) fn forces(m: &Multipliers) -> [f64; FORCES] {
-    let mut out = [0.0; FORCES];
-    out[..5].copy_from_slice(&m.lambda_e);
-    out[5..5 + STRUTS].copy_from_slice(&m.lambda_p);
-    out[5 + STRUTS..].copy_from_slice(&m.lambda_s);
+/// Torques, and of the `limited` loads λ_E, λ_P and λ_S, in the order of the quantities.
+pub(super) fn loads(tau: &[f64; AXES], lambda_e: &[f64; BEARING], limited: &Output) -> [f64; LOADS] {
+    const P: usize = AXES + BEARING;
+    const S: usize = P + MAX_STRUTS;
+    let mut out = [0.0; LOADS];
+    out[..AXES].copy_from_slice(tau);
+    out[AXES..P].copy_from_slice(lambda_e);
+    out[P..S].copy_from_slice(&limited.reactions.lower);
+    out[S..].copy_from_slice(&limited.reactions.upper);
     out
 }

@@ -1,8 +1,8 @@
 //! A planned motion as a look-up table at the control period (section 5.2 of the paper).
 
 use super::{Machine, PathPoint, Plan, PlanError};
-use crate::constraint_forces::{Detail, constraint_forces};
-use crate::machine::{AXES, STRUTS, Setup};
+use crate::dynamics::steady_inverse_dynamics;
+use crate::machine::{AXES, Setup};
 use crate::recording::{Channel, Recording, Signals};
 
 /// Recording of the plan with a row every `period` s: q, q̇, q̈, torques, strut forces, platform position, ṡ and s̈,
@@ -25,7 +25,7 @@ pub fn trajectory(
     let stretch = rows * period / plan.time;
     let times: Vec<f64> = (0..=rows as usize).map(|k| k as f64 * period).collect();
     let [mut q, mut qd, mut qdd, mut tau]: [Vec<[f64; AXES]>; 4] = Default::default();
-    let [mut upper, mut lower]: [Vec<[f64; STRUTS]>; 2] = Default::default();
+    let mut reactions = Vec::new();
     let mut ee: Vec<[f64; 3]> = Vec::new();
     for [s, speed, acceleration] in plan.profile.sample(times.iter().map(|t| t / stretch)) {
         let place = |pose| PlanError::Place {
@@ -36,24 +36,23 @@ pub fn trajectory(
         let plant = machine.plant();
         let point = PathPoint::new(&plant.geometry, curve, s).map_err(place)?;
         let motion = point.motion(&plant.geometry, speed / stretch, acceleration / (stretch * stretch));
-        let own = plant.steady_states(0.0, &motion);
-        let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
-        let loads = constraint_forces(plant, 0.0, &motion, &states, Detail::Complete).map_err(place)?.output();
+        let loads = steady_inverse_dynamics(plant, 0.0, &motion, true).map_err(place)?;
         q.push(motion.q);
         qd.push(motion.qd);
         qdd.push(motion.qdd);
         tau.push(loads.tau);
         ee.push([point.r[0].x, point.r[0].y, point.r[0].z]);
-        upper.push(std::array::from_fn(|s| loads.reactions.upper[s]));
-        lower.push(std::array::from_fn(|s| loads.reactions.lower[s]));
+        reactions.push(loads.reactions);
     }
     let mut out = Signals::new(machine.plant().mechanism, times);
     out.set_rows(Channel::Angle, &q);
     out.set_rows(Channel::Rate, &qd);
     out.set_rows(Channel::Acceleration, &qdd);
     out.set_rows(Channel::Torque, &tau);
-    out.set_rows(Channel::StrutUpper, &upper);
-    out.set_rows(Channel::StrutLower, &lower);
+    for s in 0..out.mechanism.struts() {
+        out.set(Channel::StrutUpper(s), reactions.iter().map(|r| r.upper[s]).collect());
+        out.set(Channel::StrutLower(s), reactions.iter().map(|r| r.lower[s]).collect());
+    }
     out.set_rows(Channel::EndEffector, &ee);
     Ok(Recording { name: name.into(), signals: out, setup: *setup })
 }

@@ -7,7 +7,7 @@ use super::{Limit, Limits};
 use crate::constraint_forces::{Detail, constraint_forces};
 use crate::dynamics::Plant;
 use crate::kinematics::JointState;
-use crate::machine::{AXES, STRUTS, Unit};
+use crate::machine::{AXES, Unit};
 use crate::model::Model;
 use crate::recording::{Channel, Recording, Signals};
 use crate::scenario::motion::table::Table;
@@ -21,7 +21,7 @@ pub struct Execution {
     /// RMS and largest deviation of each drive torque, N·m.
     pub torque: [[f64; 2]; AXES],
     /// RMS and largest deviation of the upper strut forces, N.
-    pub strut: [[f64; 2]; STRUTS],
+    pub strut: Vec<[f64; 2]>,
     /// RMS and largest deviation of the end effector's acceleration, m/s².
     pub acceleration: [f64; 2],
     /// Largest magnitude of an upper strut force, N.
@@ -100,7 +100,8 @@ pub fn execute(
         moving: false,
     };
     let motion = DesiredMotion::Joints { course: table.course(), geometry: Box::new(planning.geometry) };
-    let all = std::array::from_fn(|s| s < STRUTS);
+    let struts = machine.mechanism.struts();
+    let all = std::array::from_fn(|s| s < struts);
     let end = planned.signals.t.last().copied().unwrap_or_default();
     let options = Options {
         duration: end + SETTLING_TIME,
@@ -113,7 +114,7 @@ pub fn execute(
             acceleration: true,
             ..Sensors::default()
         },
-        clamps: Some(Clamps { armed: true, ..Clamps::watched(&machine.sockets) }),
+        clamps: Some(Clamps { armed: planning.is_closed_delta(), ..Clamps::watched(&machine.sockets) }),
         contacts,
         ..Options::default()
     };
@@ -129,12 +130,13 @@ pub fn execute(
         [(square / f64::max(count, 1.0)).sqrt(), most]
     };
     let apart = |channel: Channel| differ(&mut got[channel].iter().zip(&want[channel]).map(|(a, b)| a - b));
-    let torque = std::array::from_fn(|i| apart(Channel::Torque(i)));
-    let strut = std::array::from_fn(|s| apart(Channel::StrutUpper(s)));
+    let axes = machine.mechanism.axes();
+    let torque = std::array::from_fn(|i| if i < axes { apart(Channel::Torque(i)) } else { [0.0; 2] });
+    let strut = (0..struts).map(|s| apart(Channel::StrutUpper(s))).collect();
     let (a, b) = (acceleration(want), acceleration(got));
     let acceleration =
         differ(&mut a.iter().zip(&b).map(|(a, b)| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()));
-    let peak_strut = got.rows::<STRUTS>(Channel::StrutUpper).iter().flatten().fold(0.0f64, |m, f| m.max(f.abs()));
+    let peak_strut = (0..struts).flat_map(|s| &got[Channel::StrutUpper(s)]).fold(0.0f64, |m, f| m.max(f.abs()));
     let margin = report.min_margin.into_iter().fold(f64::INFINITY, f64::min);
     let peaks = peaks(machine, &recording, &report.events);
     Ok(Execution { torque, strut, acceleration, peak_strut, margin, events: report.events, peaks, recording })
@@ -166,10 +168,10 @@ fn peaks(machine: &Model, recording: &Recording, events: &[Event]) -> BTreeMap<L
     peaks
 }
 
-/// λ_E of the executed motion at sample `k`; `None` where the assembled machine cannot be.
+/// λ_E of the executed motion at sample `k`; `None` where the assembled machine cannot be, and without a bearing.
 fn bearing(plant: &Plant, signals: &Signals, k: usize) -> Option<[f64; 5]> {
     let (qd, qdd) = (signals.rows(Channel::Rate), signals.rows(Channel::Acceleration));
-    if qd.is_empty() || qdd.is_empty() {
+    if qd.is_empty() || qdd.is_empty() || !plant.is_closed_delta() {
         return None;
     }
     let motion = plant.motion(&JointState { q: signals.q().at(k), qd: qd.at(k), qdd: qdd.at(k) }).ok()?;

@@ -150,18 +150,6 @@ pub fn check_output(output: &Path, inputs: &[&Path], extensions: &[&str]) -> mie
     Ok(())
 }
 
-/// The model of an assembled robot with three limbs and one platform in a file.
-///
-/// # Errors
-/// If the file cannot be read, or describes another machine.
-pub fn assembled_delta(file: &Path, command: &str) -> miette::Result<Model> {
-    let model = assembled_robot(file)?;
-    match model.mechanism.is_delta() {
-        true => Ok(model),
-        false => Err(miette!("{}: `{command}` knows robots with three limbs and one platform only", file.display())),
-    }
-}
-
 /// Reads the model of an assembled delta robot.
 pub fn assembled_robot(file: &Path) -> miette::Result<Model> {
     let model = model::read(file)?;

@@ -1,6 +1,5 @@
 //! Page of a plan.
 
-use deltatwin::machine::STRUTS;
 use deltatwin::planner::validation::Execution;
 use deltatwin::planner::{Plan, Task};
 use deltatwin::recording::{Channel, Recording};
@@ -37,7 +36,7 @@ pub fn figures(page: &PlanPage) -> Vec<(&'static str, Figure, &'static str)> {
         ),
         (
             "drives",
-            drawing::plan::drives(plan, &task.limits),
+            drawing::plan::drives(plan, &task.limits, page.planned.signals.mechanism.axes()),
             "What the drives use of their limits, less the margin: the plan is as fast as possible where one of them, or \
              a constraint force, comes to 1.",
         ),
@@ -101,7 +100,8 @@ fn headline(report: &mut Report, page: &PlanPage) {
         let places = format!("{limit}; checked at {} places", plan.uses.len());
         tiles.push([format!("{:.2} %", 1e2 * ratio), "largest use of a limit".into(), places]);
     }
-    let forces = planned.signals.rows::<STRUTS>(Channel::StrutUpper).iter().flatten();
+    let signals = &planned.signals;
+    let forces = (0..signals.mechanism.struts()).flat_map(|s| &signals[Channel::StrutUpper(s)]);
     let peak = forces.fold(0.0_f64, |most, f| most.max(f.abs()));
     if peak > 0.0 {
         let usable = (1.0 - task.limits.margin) * task.limits.strut_upper;

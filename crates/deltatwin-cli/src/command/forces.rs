@@ -340,8 +340,8 @@ fn print(args: &Args, plant: &Plant, motion: &Motion, loads: &Loads) -> miette::
     let redundant = plant.geometry.redundant_struts();
     if redundant > 0 {
         let open = format!(
-            "There are {redundant} more struts than hold the plate: their forces are those of equally stiff struts without \
-             prestress. Torques and sums of a pair do not depend on that."
+            "Struts beyond those that hold the plate: {redundant}. Forces are those of equally stiff struts without prestress; \
+             torques and sums of a pair do not depend on that."
         );
         say(wrapped(&open, 2))?;
     }

@@ -9,7 +9,7 @@ use serde_json::{Map, Value, json};
 
 use crate::data::Outside;
 use crate::terminal::{
-    BAD_ANSWER, DONE, Table, assembled_delta, check_output, complain, origin_of, path, say, spinner, warn, write_figure,
+    BAD_ANSWER, DONE, Table, assembled_robot, check_output, complain, origin_of, path, say, spinner, warn, write_figure,
 };
 use deltatwin::dynamics::Plant;
 use deltatwin::machine::Unit;
@@ -64,8 +64,8 @@ const SHOWN: usize = 40;
 
 /// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
-    let model = assembled_delta(&args.model, "plan")?;
-    let twin = args.twin.as_deref().map(|twin| assembled_delta(twin, "plan")).transpose()?;
+    let model = assembled_robot(&args.model)?;
+    let twin = args.twin.as_deref().map(assembled_robot).transpose()?;
     let task = deltatwin_io::plan::read_with(&args.path, Limits::of(&model), args.outside.access())?;
     if let Some(output) = &args.output {
         check_output(output, &[&args.model, &args.path], &["csv", "mcap"])?;

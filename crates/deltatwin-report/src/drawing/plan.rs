@@ -1,7 +1,6 @@
 //! Figures of a plan and of its execution (Figs. 14–17 of the paper).
 
 use crate::{Color, Curve as Line, Figure, Panel, Style, panels, time_series};
-use deltatwin::machine::{AXES, STRUTS};
 use deltatwin::planner::limits::Limits;
 use deltatwin::planner::validation::{Execution, acceleration};
 use deltatwin::planner::verify::checked;
@@ -51,10 +50,10 @@ pub fn speed(plan: &Plan) -> Figure {
 }
 
 /// Use of the drives' limits over s.
-pub fn drives(plan: &Plan, limits: &Limits) -> Figure {
+pub fn drives(plan: &Plan, limits: &Limits, axes: usize) -> Figure {
     let s: Vec<f64> = plan.uses.iter().map(|u| plan.speed(u)[0]).collect();
     let share = |kind: fn(usize) -> Limit, signed: bool| -> Vec<Line> {
-        let curves = (0..AXES).map(|axis| {
+        let curves = (0..axes).map(|axis| {
             let k = (0..deltatwin::planner::verify::CHECKED).find(|&k| checked(k) == kind(axis)).unwrap_or_default();
             let of = plan.uses.iter().map(|u| if signed { u.ratio[k].copysign(u.value[k]) } else { u.ratio[k] });
             Line::new(format!("axis {}", axis + 1), s.clone(), of.collect())
@@ -79,7 +78,8 @@ fn strut(signals: &Signals, s: usize) -> Vec<f64> {
 /// Planned strut forces over time.
 pub fn forces(planned: &Recording, limits: &Limits) -> Figure {
     let signals = &planned.signals;
-    let curves = (0..STRUTS).map(|s| Line::new(format!("strut {}", s + 1), signals.t.clone(), strut(signals, s)));
+    let struts = 0..signals.mechanism.struts();
+    let curves = struts.map(|s| Line::new(format!("strut {}", s + 1), signals.t.clone(), strut(signals, s)));
     let usable = (1.0 - limits.margin) * limits.strut_upper;
     let all: Vec<Line> = curves.chain(limit(&signals.t, usable, "limit less margin")).collect();
     time_series("Strut forces at the elbows", "t / s", "N", &all)
@@ -99,8 +99,9 @@ pub fn execution(planned: &Recording, execution: &Execution) -> [Figure; 3] {
     let torque = |i: usize| panel(&format!("axis {}", i + 1), &unit, pair(tau(want, i), tau(got, i)));
     let torques: Vec<Panel> = (0..want.mechanism.axes()).map(torque).collect();
     let force = |s: &Signals, i: usize| (s.t.clone(), strut(s, i));
-    let struts: Vec<Panel> =
-        (0..STRUTS).map(|i| panel(&format!("strut {}", i + 1), "N", pair(force(want, i), force(got, i)))).collect();
+    let struts: Vec<Panel> = (0..want.mechanism.struts())
+        .map(|i| panel(&format!("strut {}", i + 1), "N", pair(force(want, i), force(got, i))))
+        .collect();
     let inner = |s: &Signals, i: usize| {
         let a = acceleration(s);
         (s.t[1..=a.len()].to_vec(), a.iter().map(|a| a[i]).collect())
