@@ -263,6 +263,69 @@ fn drives_of_relatives_do_the_work_that_moves_them() {
     }
 }
 
+/// Forces of the balls accelerate every strut and the plate as a whole, and the twin records the margins that follow from them.
+#[test]
+fn balls_of_relatives_carry_their_struts_and_the_plate() {
+    for name in RELATIVES {
+        let (model, scenario, desired) = shipped_motion(name);
+        let mut plant = Plant::new(&model, &scenario.setup);
+        plant.effects.clear();
+        let motion = plant.motion(&smooth(&plant, 0.26)).unwrap();
+        let struts = model.mechanism.struts();
+        let demand = |body: usize| {
+            let (inertia, b) = (&plant.bodies[body], &motion.bodies[body]);
+            let centre = b.rotation * inertia.first_moment;
+            let turning = b.angular_velocity.cross(&b.angular_velocity.cross(&centre));
+            let gravity = Vector3::z() * plant.gravity;
+            (b.acceleration + gravity) * inertia.mass + b.angular_acceleration.cross(&centre) + turning
+        };
+        let forces = deltatwin::dynamics::steady_socket_loads(&plant, 0.0, &motion).unwrap().sockets;
+        for s in 0..struts {
+            let own = demand(deltatwin::machine::bodies::strut(s));
+            approx::assert_abs_diff_eq!(forces[s] + forces[struts + s], own, epsilon = 1e-9);
+        }
+        let parts = (0..plant.bodies.0.len()).filter(|&b| model.mechanism.is_part_of_plate(b));
+        let tool = deltatwin::machine::bodies::END_EFFECTOR;
+        let held = if model.mechanism.is_part_of_plate(tool) { Vector3::zeros() } else { demand(tool) };
+        let carried = parts.map(demand).sum::<Vector3<f64>>() + held;
+        let given: Vector3<f64> = forces[struts..2 * struts].iter().sum();
+        approx::assert_abs_diff_eq!(-given, carried, epsilon = 1e-8);
+        // The twin with the same criterion.
+        let plant = Plant::new(&model, &scenario.setup);
+        let mut options = deltatwin::twin::Options { duration: 0.3, ..Default::default() };
+        (options.sensors.sockets, options.sensors.velocity, options.sensors.acceleration) = (true, true, true);
+        let run =
+            deltatwin::twin::simulate(&model, &scenario.setup, &plant, &|t| desired.at(t), &options, &mut |_| true);
+        let signals = run.unwrap().0.signals;
+        let clamps = deltatwin::twin::Clamps::watched(&model.sockets);
+        let (qd, qdd) = (signals.rows(Channel::Rate), signals.rows(Channel::Acceleration));
+        let sockets = Channel::of_sockets(model.mechanism);
+        assert_eq!(sockets.len(), 2 * struts);
+        let mut worst = 0.0f64;
+        for k in (0..signals.len()).step_by(50) {
+            let joints = JointState { q: signals.q().at(k), qd: qd.at(k), qdd: qdd.at(k) };
+            let margins = clamps.along(&plant, signals.t[k], &plant.motion(&joints).unwrap()).unwrap().1;
+            for (channel, margin) in sockets.iter().zip(margins) {
+                worst = worst.max((signals[*channel][k] - margin).abs());
+            }
+        }
+        assert!(worst < 0.1, "{name}: {worst} N");
+    }
+}
+
+/// A designed motion of a robot with passive arms stays within every limit and shows more than random ones.
+#[test]
+fn motions_are_designed_for_relatives() {
+    use deltatwin::excitation::{Options, design};
+    let model = model("par2");
+    let options = Options { harmonics: 3, randoms: 3, starts: 1, iterations: 8, ..Options::default() };
+    let found = design(&model, &options, &|| true).unwrap();
+    let value = |merit: &deltatwin::excitation::Merit| merit.log_det;
+    assert!(found.worst.iter().all(|(_, use_)| *use_ <= 1.0), "{:?}", found.worst);
+    assert!(found.random.iter().all(|random| value(random) < value(&found.merit)), "{:?}", found.merit);
+    assert!(found.parameters.iter().any(|p| p.name.contains("passive_arm")));
+}
+
 /// A run of the twin follows its motion, keeps its energy, and its strut forces are those of the inverse dynamics.
 #[test]
 fn twins_of_relatives_follow_their_motion() {

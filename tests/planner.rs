@@ -175,7 +175,7 @@ fn from_coefficients(machine: &Machine, point: &PathPoint, reference: Reference,
     let [speed, acceleration] = at;
     let all: Vec<f64> =
         (0..k.a.len()).map(|i| k.a[i] * acceleration + k.b[i] * speed * speed + k.c[i] + k.d[i] * speed).collect();
-    all[..4].iter().chain(&all[9..]).copied().collect()
+    [&all[..4], &all[9..15], &all[17..23]].concat()
 }
 
 #[test]
@@ -574,6 +574,41 @@ fn robots_without_a_telescope_are_planned_and_executed() {
         assert!(execution.peak_strut > 0.3 * strut, "{name}: {} N", execution.peak_strut);
         let turned = plan(&machine, &path(0.5).curve(), &limits, &QUICK).map(drop).unwrap_err().to_string();
         assert!(turned.contains("no axis that turns the end effector: expected ψ = 0"), "{name}: {turned}");
+    }
+}
+
+/// Plates that turn the tool and passive arms: third derivatives along the path are those of differences, and the twin executes
+/// the fastest motion within its limits.
+#[test]
+fn relatives_are_planned_and_executed() {
+    for (name, reach, turn) in [("par4", 0.2, 0.7), ("h4", 0.2, -0.5), ("i4", 0.2, 2.0), ("par2", 0.15, 0.0)] {
+        let model = common::model(name);
+        let path = Shape::arch([-reach, 0.0, -0.85, 0.0], [reach, 0.3 * reach, -0.85, turn], 0.1, 0.05, 0.1);
+        let path = if name == "par2" {
+            Shape::arch([-reach, 0.0, -0.85, 0.0], [reach, 0.0, -0.85, 0.0], 0.1, 0.05, 0.1)
+        } else {
+            path
+        };
+        let setup = Setup { payload: Payload::new(0.5, [0.0, 0.0, -0.02], 1e-3), ..Setup::default() };
+        let plant = Plant::new(&model, &setup);
+        let curve = path.curve();
+        for s in [0.2, 0.37, 0.5, 0.81].map(|share| share * curve.end()) {
+            let h = 1e-4 * curve.end();
+            let [before, at, after] = [s - h, s, s + h].map(|s| PathPoint::new(&plant.geometry, &curve, s).unwrap());
+            for axis in 0..model.mechanism.axes() {
+                let third = (after.q[2][axis] - before.q[2][axis]) / (2.0 * h);
+                let size = at.q[3].iter().fold(1.0f64, |most, x| most.max(x.abs()));
+                assert!((third - at.q[3][axis]).abs() < 1e-3 * size, "{name}: {third} {:?}", at.q[3]);
+            }
+        }
+        let limits = Limits { strut_upper: 100.0, strut_lower: 100.0, ..Limits::of(&model) };
+        let machine = Machine::new(&plant, limits.detail);
+        let found = plan(&machine, &curve, &limits, &QUICK).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let planned = trajectory(&machine, &found, &setup, model.sample_time, "arch").unwrap();
+        let execution = execute(&model, &plant, &planned, None).unwrap();
+        println!("{name}: {:.4} s, struts up to {:.1} N, {:?}", found.time, execution.peak_strut, execution.torque);
+        assert!(execution.is_within(&limits), "{name}: {:?} {:?}", execution.violations(&limits), execution.events);
+        assert!(execution.peak_strut > 40.0 && execution.margin.is_finite(), "{name}: {} N", execution.peak_strut);
     }
 }
 
