@@ -1,6 +1,6 @@
 //! Dimensions of the link shapes, for collision and display, and the cylinders that show the links elsewhere.
 
-use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::bodies::{BodyKind, body_kind};
 use crate::machine::{Actuator, Geometry};
 
 /// Radius of an arm's tube, m; estimated from pictures.
@@ -70,23 +70,23 @@ impl Cylinder {
 /// If `body` is not the index of a body.
 pub fn cylinder(geometry: &Geometry, body: usize) -> Option<Cylinder> {
     let shortest = geometry.telescope_limits[0];
-    Some(match body {
-        ARM..STRUT => match geometry.limbs[body - ARM].actuator {
-            Actuator::Revolute => Cylinder::along_x(geometry.limbs[body - ARM].arm_length, ARM_RADIUS),
+    Some(match body_kind(body) {
+        BodyKind::Arm(limb) => match geometry.limbs[limb].actuator {
+            Actuator::Revolute => Cylinder::along_x(geometry.limbs[limb].arm_length, ARM_RADIUS),
             Actuator::Prismatic { .. } => Cylinder {
                 radius: CARRIAGE_RADIUS,
                 ends: [[-CARRIAGE_LENGTH / 2.0, 0.0, 0.0], [CARRIAGE_LENGTH / 2.0, 0.0, 0.0]],
             },
         },
-        STRUT..PLATFORM => Cylinder::along_x(geometry.limbs[(body - STRUT) / 2].strut_length, STRUT_RADIUS),
-        PLATFORM => {
+        BodyKind::Strut(s) => Cylinder::along_x(geometry.limbs[s / 2].strut_length, STRUT_RADIUS),
+        BodyKind::Platform(_) => {
             let radius = (geometry.platform_radius() - PLATFORM_INSET).max(0.5 * geometry.platform_radius());
             Cylinder::along_z([-PLATFORM_THICKNESS, PLATFORM_THICKNESS], radius)
         }
-        END_EFFECTOR => Cylinder::along_z([0.0, (-geometry.flange_height).max(0.01)], FLANGE_RADIUS),
-        ROTOR => return None,
-        TELESCOPE_UPPER => Cylinder::along_z([(ROD_CLEARANCE - shortest).min(0.0), 0.0], ROD_RADIUS),
-        TELESCOPE_LOWER => Cylinder::along_z([0.0, (shortest - TUBE_CLEARANCE).max(0.0)], TUBE_RADIUS),
-        _ => panic!("body {body}"),
+        BodyKind::EndEffector => Cylinder::along_z([0.0, (-geometry.flange_height).max(0.01)], FLANGE_RADIUS),
+        BodyKind::Rotor => return None,
+        BodyKind::Link => Cylinder::along_z([-PLATFORM_THICKNESS, PLATFORM_THICKNESS], FLANGE_RADIUS),
+        BodyKind::TelescopeUpper => Cylinder::along_z([(ROD_CLEARANCE - shortest).min(0.0), 0.0], ROD_RADIUS),
+        BodyKind::TelescopeLower => Cylinder::along_z([0.0, (shortest - TUBE_CLEARANCE).max(0.0)], TUBE_RADIUS),
     })
 }

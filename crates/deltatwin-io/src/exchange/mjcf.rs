@@ -33,7 +33,11 @@ pub(super) fn text(model: &Model, tree: &Tree, notes: &[String]) -> String {
     .and(Element::new("statistic").with("center", "0 0 -0.5").with("extent", "1.5"))
     .and(Element::new("default").and(shown).and(closure))
     .and(Element::new("worldbody").and(light).all(roots.map(|k| body(tree, k))))
-    .and(Element::new("equality").all(tree.loops.iter().map(|closed| connect(tree, closed))))
+    .and(
+        Element::new("equality")
+            .all(tree.loops.iter().map(|closed| connect(tree, closed)))
+            .all(tree.links.iter().flat_map(|link| &link.joints).filter_map(coupled)),
+    )
     .and(Element::new("actuator").all(driven(tree).map(|(joint, drive)| {
         let range = [-drive.max_torque, drive.max_torque];
         Element::new("motor").with("name", &*joint.name).with("joint", &*joint.name).numbers("ctrlrange", &range)
@@ -51,7 +55,7 @@ fn driven(tree: &Tree) -> impl Iterator<Item = (&Joint, &deltatwin::machine::Dri
 
 fn body(tree: &Tree, index: usize) -> Element {
     let link = &tree.links[index];
-    let pose = link.origin * Translation3::new(0.0, 0.0, link.offset);
+    let pose = link.origin * Translation3::from(link.offset);
     let q = pose.rotation.coords;
     let element = Element::new("body")
         .with("name", &*link.name)
@@ -79,7 +83,10 @@ fn joint(link: &Link, joint: &Joint) -> Element {
         Freedom::Slide(axis) => turned(element, "slide", &axis),
         Freedom::Ball | Freedom::Free => element.with("type", "ball"),
     };
-    let element = if link.offset == 0.0 { element } else { element.numbers("pos", &[0.0, 0.0, -link.offset]) };
+    let element = match link.offset == Vector3::zeros() {
+        true => element,
+        false => element.numbers("pos", (-link.offset).iter()),
+    };
     let element = match joint.range {
         Some(range) => element.numbers("range", &range),
         None => element,
@@ -112,6 +119,13 @@ fn geom(shape: &Cylinder) -> Element {
 
 fn site_name(closed: &Loop, end: usize) -> String {
     format!("{}_{}", closed.name, ["ball", "cup"][1 - end])
+}
+
+/// The equation of a joint that follows another one.
+fn coupled(joint: &Joint) -> Option<Element> {
+    let (other, factor) = joint.follows.as_ref()?;
+    let names = Element::new("joint").with("joint1", &*joint.name).with("joint2", &**other);
+    Some(names.numbers("polycoef", &[0.0, *factor, 0.0, 0.0, 0.0]))
 }
 
 fn connect(tree: &Tree, closed: &Loop) -> Element {

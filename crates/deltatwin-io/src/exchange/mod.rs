@@ -16,7 +16,7 @@ use thiserror::Error;
 
 use deltatwin::dynamics::Plant;
 use deltatwin::machine::check::inconsistency;
-use deltatwin::machine::{Inertia, Setup};
+use deltatwin::machine::{Inertia, Part, Setup};
 use deltatwin::model::Model;
 
 use friction::Frictions;
@@ -49,8 +49,8 @@ pub struct Exported {
 /// Why a model has no such file.
 #[derive(Clone, Debug, Error, Diagnostic, PartialEq)]
 pub enum ExportError {
-    /// The machine is not an assembled delta robot.
-    #[error("{0} is not an assembled delta robot; expected one, with `mechanism = \"delta\"` and `assembled = true`")]
+    /// The machine is not an assembled delta robot or relative.
+    #[error("{0} is not an assembled delta robot or relative; expected one, with `assembled = true`")]
     Machine(String),
     /// The struts do not reach in the pose q = 0.
     #[error("{0}: the struts do not reach in the pose q = 0, in which the links of the file are placed")]
@@ -71,7 +71,7 @@ pub enum ExportError {
 /// An [`ExportError`] for a machine that is none, that does not reach its home pose, or whose bodies are impossible.
 pub fn export(model: &Model, setup: &Setup, format: Format) -> Result<Exported, ExportError> {
     let plant = Plant::new(model, setup);
-    if !plant.is_closed_delta() {
+    if !plant.has(Part::Linkage) {
         return Err(ExportError::Machine(model.name.clone()));
     }
     let home = tree::home(&plant).ok_or_else(|| ExportError::Home(model.name.clone()))?;
@@ -132,7 +132,9 @@ mod tests {
 
     #[test]
     fn links_stand_as_on_the_robot_and_its_loops_are_closed() {
-        for name in ["irb360-6-1600", "irb360-1-1130", "clavel-delta"] {
+        let robots = [("irb360-6-1600", 6, 14), ("irb360-1-1130", 6, 14), ("clavel-delta", 6, 10), ("par2", 8, 13)];
+        let turning = [("par4", 9, 16), ("h4", 8, 15), ("i4", 8, 15)];
+        for (name, loops, links) in robots.into_iter().chain(turning) {
             let model = shipped(name);
             let plant = Plant::new(&model, &Setup::default());
             let home = tree::home(&plant).unwrap();
@@ -140,17 +142,14 @@ mod tests {
             let mut poses: Vec<Isometry3<f64>> = Vec::new();
             for link in &tree.links {
                 let base = link.parent.map_or_else(Isometry3::identity, |p| poses[p]);
-                poses.push(base * link.origin * Translation3::new(0.0, 0.0, link.offset));
+                poses.push(base * link.origin * Translation3::from(link.offset));
                 let body = (0..home.bodies.len()).find(|b| deltatwin::machine::bodies::body_name(*b) == link.name);
                 let own = home.poses()[body.unwrap()];
                 let gap = (poses[poses.len() - 1].translation.vector - own.translation.vector).norm();
                 let turn = poses[poses.len() - 1].rotation.angle_to(&own.rotation);
                 assert!(gap < 1e-14 && turn < 1e-7, "{name}: {}: {gap:e} m, {turn:e} rad", link.name);
             }
-            assert_eq!(
-                (tree.loops.len(), tree.links.len()),
-                (6, if model.mechanism.has_telescope() { 14 } else { 10 })
-            );
+            assert_eq!((tree.loops.len(), tree.links.len()), (loops, links), "{name}");
             for closed in &tree.loops {
                 let [a, b] = [0, 1].map(|end| poses[closed.links[end]] * Point3::from(closed.points[end]));
                 assert!((a - b).norm() < 1e-14, "{name}: {}: {:e} m", closed.name, (a - b).norm());
@@ -161,7 +160,9 @@ mod tests {
     /// What MuJoCo wants of every moving body: a mass, and principal moments none of which exceeds the sum of the others.
     #[test]
     fn every_moving_link_has_a_mass_and_an_inertia_that_a_body_can_have() {
-        for name in ["irb360-6-1600", "irb360-6-1600-truth", "irb360-1-1130", "clavel-delta", "linear-delta"] {
+        for name in
+            ["irb360-6-1600", "irb360-6-1600-truth", "irb360-1-1130", "clavel-delta", "linear-delta", "par4", "par2"]
+        {
             let text = export(&shipped(name), &Setup::default(), Format::Urdf).unwrap().text;
             let number = |part: &str, key: &str| -> f64 {
                 let rest = part.split_once(&format!("{key}=\"")).unwrap().1;

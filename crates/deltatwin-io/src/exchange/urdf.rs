@@ -35,7 +35,7 @@ fn carried(root: Element, tree: &Tree, link: &Link) -> Element {
     let mut parent = link.parent.map_or(BASE.to_string(), |p| tree.links[p].name.clone());
     let mut origin = link.origin;
     let steps: Vec<Step> = link.joints.iter().flat_map(steps).collect();
-    let is_offset = link.offset != 0.0;
+    let is_offset = link.offset != Vector3::zeros();
     let mut root = root;
     for (k, step) in steps.iter().enumerate() {
         let is_last = k + 1 == steps.len() && !is_offset;
@@ -48,7 +48,7 @@ fn carried(root: Element, tree: &Tree, link: &Link) -> Element {
     if !is_offset {
         return root;
     }
-    let mount = Isometry3::translation(0.0, 0.0, link.offset);
+    let mount = Isometry3::translation(link.offset.x, link.offset.y, link.offset.z);
     root.and(filled(Element::new("link").with("name", &*link.name), link)).and(placed(
         &format!("{}_mount", link.name),
         "fixed",
@@ -89,6 +89,12 @@ fn moving(step: &Step, ends: [&str; 2], origin: &Isometry3<f64>) -> Element {
         false => element.and(
             Element::new("dynamics").numbers("damping", &[friction.viscous]).numbers("friction", &[friction.coulomb]),
         ),
+    };
+    let element = match &joint.follows {
+        Some((other, factor)) => {
+            element.and(Element::new("mimic").with("joint", &**other).numbers("multiplier", &[*factor]))
+        }
+        None => element,
     };
     limited(element, *slides, joint)
 }
