@@ -1,7 +1,7 @@
 """The robots that `deltatwin export` writes, in MuJoCo (MJCF) and Pinocchio (URDF), against deltatwin itself.
 
-Both read a tree; its loops are closed here by Newton's method on the coincidence of the ball sockets, from the home pose and
-the angles of the axes alone. Compared are the mass, the pose of every link, and the torque of the axes for random motions: the
+Both read a tree; its loops are closed here by Newton's method on the coincidence of the ball sockets and hinges and on the
+couplings of joints, from the home pose and the angles of the axes alone. Compared are the mass, the pose of every link, and the torque of the axes for random motions: the
 generalised forces of the tree, collected at the axes by the motion that the closed loops allow. For MuJoCo also what it makes
 of the closure by itself: the acceleration that its soft constraints give for these torques, and a run of 0.3 s.
 
@@ -10,11 +10,13 @@ of the closure by itself: the acceleration that its soft constraints give for th
     python benches/peers/exported_robots.py [target/debug/deltatwin]
 """
 
+import re
 import subprocess
 import sys
 import tempfile
 import tomllib
 from pathlib import Path
+from xml.etree import ElementTree
 
 import deltatwin as dt
 import mujoco
@@ -41,8 +43,13 @@ class MuJoCo:
         self.data = mujoco.MjData(self.model)
         self.axes = [self.model.joint(f"axis{k + 1}").dofadr[0] for k in range(axes)]
         self.places = [self.model.joint(f"axis{k + 1}").qposadr[0] for k in range(axes)]
-        self.sites = [[self.model.site(f"socket{s + 1}_lower_{end}").id for end in ("cup", "ball")] for s in range(6)]
-        self.struts = [self.model.body(f"strut{s + 1}").id for s in range(6)]
+        kinds = self.model.eq_type
+        ends = np.column_stack([self.model.eq_obj1id, self.model.eq_obj2id])
+        self.sites = ends[kinds == mujoco.mjtEq.mjEQ_CONNECT]
+        coupled = kinds == mujoco.mjtEq.mjEQ_JOINT
+        self.couplings = [(*pair, data[1]) for pair, data in zip(ends[coupled], self.model.eq_data[coupled], strict=True)]
+        self.links = [self.model.body(k).name for k in range(self.model.nbody)]
+        self.struts = [k for k, name in enumerate(self.links) if name.startswith("strut")]
         self.nv = self.model.nv
 
     def mass(self) -> float:
@@ -65,8 +72,9 @@ class MuJoCo:
         mujoco.mj_fwdVelocity(self.model, self.data)
 
     def gap(self):
-        at = self.data.site_xpos
-        return np.concatenate([at[a] - at[b] for a, b in self.sites])
+        at, q, places = self.data.site_xpos, self.data.qpos, self.model.jnt_qposadr
+        coupled = [q[places[a]] - factor * q[places[b]] for a, b, factor in self.couplings]
+        return np.concatenate([*(at[a] - at[b] for a, b in self.sites), coupled])
 
     def _of_site(self, site, rate):
         jac = np.zeros((3, self.nv))
@@ -78,7 +86,11 @@ class MuJoCo:
         return jac
 
     def rows(self, rate=False):
-        return np.vstack([self._of_site(a, rate) - self._of_site(b, rate) for a, b in self.sites])
+        coupled = np.zeros((len(self.couplings), self.nv))
+        if not rate:
+            for row, (a, b, factor) in zip(coupled, self.couplings, strict=True):
+                row[self.model.jnt_dofadr[[a, b]]] = 1, -factor
+        return np.vstack([*(self._of_site(a, rate) - self._of_site(b, rate) for a, b in self.sites), coupled])
 
     def spin_rows(self, rate=False):
         out = []
@@ -111,10 +123,16 @@ class Pinocchio:
         self.data = self.model.createData()
         self.joints = [self.model.joints[self.model.getJointId(f"axis{k + 1}")] for k in range(axes)]
         self.axes = [joint.idx_v for joint in self.joints]
-        self.frames = [
-            [self.model.getFrameId(f"socket{s + 1}_lower_{end}") for end in ("cup", "ball")] for s in range(6)
+        self.links = names = [frame.name for frame in self.model.frames]
+        ends = [name.removesuffix("_cup") for name in names if name.endswith("_cup")]
+        self.frames = [[self.model.getFrameId(f"{name}_{end}") for end in ("cup", "ball")] for name in ends]
+        joints = ElementTree.parse(file).iter("joint")
+        mimics = [(joint.get("name"), joint.find("mimic")) for joint in joints]
+        place = lambda name: self.model.joints[self.model.getJointId(name)]  # noqa: E731
+        self.couplings = [
+            (place(name), place(mimic.get("joint")), float(mimic.get("multiplier"))) for name, mimic in mimics if mimic is not None
         ]
-        self.struts = [self.model.getFrameId(f"strut{s + 1}") for s in range(6)]
+        self.struts = [self.model.getFrameId(name) for name in dict.fromkeys(names) if re.fullmatch(r"strut\d+", name)]
         self.nv = self.model.nv
 
     def mass(self) -> float:
@@ -135,14 +153,19 @@ class Pinocchio:
 
     def gap(self):
         at = [[self.data.oMf[f].translation for f in pair] for pair in self.frames]
-        return np.concatenate([a - b for a, b in at])
+        coupled = [self.full[a.idx_q] - factor * self.full[b.idx_q] for a, b, factor in self.couplings]
+        return np.concatenate([*(a - b for a, b in at), coupled])
 
     def _jacobian(self, frame, rate):
         of = pin.getFrameJacobianTimeVariation if rate else pin.getFrameJacobian
         return of(self.model, self.data, frame, pin.LOCAL_WORLD_ALIGNED)
 
     def rows(self, rate=False):
-        return np.vstack([(self._jacobian(a, rate) - self._jacobian(b, rate))[:3] for a, b in self.frames])
+        coupled = np.zeros((len(self.couplings), self.nv))
+        if not rate:
+            for row, (a, b, factor) in zip(coupled, self.couplings, strict=True):
+                row[[a.idx_v, b.idx_v]] = 1, -factor
+        return np.vstack([*((self._jacobian(a, rate) - self._jacobian(b, rate))[:3] for a, b in self.frames), coupled])
 
     def spin_rows(self, rate=False):
         out = []
@@ -208,7 +231,7 @@ def compare(name, tree, model, setup, mass, states):
         bias = np.concatenate([tree.rows(rate=True) @ v, tree.spin_rows(rate=True) @ v])
         a = completed(tree, qdd, bias)
         for body, position, rotation in zip(motion.bodies, np.squeeze(motion.position), np.squeeze(motion.rotation), strict=True):
-            if body in ("end_effector", "rotor", "telescope_upper", "telescope_lower") and model.dof == 3:
+            if body not in tree.links:
                 continue
             at, turn = tree.pose(body)
             worst["gap"] = max(worst["gap"], np.abs(at - position).max())
@@ -268,7 +291,10 @@ def run(tree, model, setup, q, torque, seconds=0.3):
 def bodies_mass(model, payload):
     """Mass of the moving bodies of a model file, kg."""
     bodies = tomllib.loads(model.to_toml())["bodies"]
-    counts = {"arm": 3, "strut": 6}
+    limbs = tomllib.loads(model.to_toml()).get("limbs", [{}] * 3)
+    # Those of passive limbs are listed one by one.
+    driven = sum(limb.get("drive", True) for limb in limbs)
+    counts = {"arm": driven, "strut": 2 * driven}
     return sum(counts.get(name, 1) * body.get("mass", 0.0) for name, body in bodies.items()) + payload
 
 
@@ -284,6 +310,10 @@ def main() -> None:
         ("irb360-1-1130", None),
         ("clavel-delta", loaded),
         ("linear-delta", None),
+        ("par4", None),
+        ("h4", None),
+        ("i4", None),
+        ("par2", None),
     )
     for name, setup in robots:
         model = dt.Model.load(Path(__file__).parents[2] / "models" / f"{name}.toml")
@@ -299,8 +329,10 @@ def main() -> None:
             subprocess.run([PROGRAM, "export", str(source), "-o", str(target), "--force", *how], check=True, stdout=subprocess.DEVNULL)
             trees.append(kind(target, model.dof))
         carriages = name == "linear-delta"
-        low, high, speed, acceleration = (0.05, 0.15, 0.5, 5) if carriages else (-0.3, 0.9, 6, 60)
-        arms = np.column_stack([rng.uniform(low, high, (POSES, 3)), rng.uniform(-3, 3, POSES)])[:, : model.dof]
+        relative = name in ("par4", "h4", "i4", "par2")
+        low, high, speed, acceleration = (0.05, 0.15, 0.5, 5) if carriages else (0.3, 0.5, 3, 30) if relative else (-0.3, 0.9, 6, 60)
+        last = rng.uniform(low, high, POSES) if relative else rng.uniform(-3, 3, POSES)
+        arms = np.column_stack([rng.uniform(low, high, (POSES, 3)), last])[:, : model.dof]
         states = []
         for k, q in enumerate(arms):
             moving = float(k % 2)
@@ -310,13 +342,15 @@ def main() -> None:
         kept = compare(f"{title}, MuJoCo {mujoco.__version__}", trees[0], model, setup, mass, states)
         median, most = softness(trees[0], kept, states)
         print(f"  its own accelerations differ by {median:.1e} in the median, {most:.1e} at most")
-        q = np.array([0.1, 0.12, 0.11] if carriages else [0.1, 0.2, 0.15, 0.3])[: model.dof]
-        push = np.array([0.4, -0.25, 0.15] if carriages else [8, -5, 3, 0.3])
+        q = np.array([0.1, 0.12, 0.11] if carriages else [0.1, 0.2, 0.15, 0.12 if relative else 0.3])[: model.dof]
+        push = np.array([0.4, -0.25, 0.15] if carriages else [1, 0.8, 1.2, 0.9] if relative else [8, -5, 3, 0.3])
         hold = np.ravel(model.gravity(q, setup=setup))
         worst, moved, gap = run(trees[0], model, setup, q, hold + push[: model.dof])
         print(f"  a run of 0.3 s: {worst:.1e} rad of {moved:.2f} rad; its loops are open by {1e6 * gap:.2f} µm at the end")
         # The impedance of a closure is at most 0.9999: a little of the acceleration yields, more of it in light robots.
-        assert median < 5e-3 and most < 3e-2 and worst < 3e-3 * moved, (median, most, worst)
+        # A rack that turns a light spindle yields most.
+        soft = (5e-2, 0.2) if name == "i4" else (5e-3, 3e-2)
+        assert median < soft[0] and most < soft[1] and worst < 3e-3 * moved, (median, most, worst)
         compare(f"{title}, Pinocchio {pin.__version__}", trees[1], model, setup, mass, states)
 
 
