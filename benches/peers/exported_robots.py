@@ -153,8 +153,16 @@ class Pinocchio:
 
     def gap(self):
         at = [[self.data.oMf[f].translation for f in pair] for pair in self.frames]
-        coupled = [self.full[a.idx_q] - factor * self.full[b.idx_q] for a, b, factor in self.couplings]
+        coupled = [self._apart(*coupling) for coupling in self.couplings]
         return np.concatenate([*(a - b for a, b in at), coupled])
+
+    def _apart(self, joint, other, factor):
+        own, leading = self.full[joint.idx_q], self.full[other.idx_q : other.idx_q + other.nq]
+        if other.nq == 1:
+            return own - factor * leading[0]
+        # A joint without limits has cosine and sine of its angle, without full turns.
+        apart = own - factor * np.arctan2(leading[1], leading[0])
+        return apart - 2 * np.pi * factor * np.round(apart / (2 * np.pi * factor))
 
     def _jacobian(self, frame, rate):
         of = pin.getFrameJacobianTimeVariation if rate else pin.getFrameJacobian
