@@ -152,7 +152,7 @@ fn every_shipped_file_is_right() {
         let expected = match file {
             _ if file.starts_with("models") => "model",
             _ if file.starts_with("scenarios/studies") => "study",
-            _ if ["u-turn.toml", "cycle.toml"].into_iter().any(is_path) => "path",
+            _ if ["u-turn.toml", "cycle.toml", "par4-path.toml"].into_iter().any(is_path) => "path",
             _ => "scenario",
         };
         assert_eq!(entry["kind"], expected, "{entry}");
@@ -330,7 +330,7 @@ fn robots_for_other_programs() {
     let folder = TempDir::new().unwrap();
     let [xml, urdf] = ["a.xml", "a.urdf"].map(|n| path(&folder, n));
     let said = done(&["export", MODEL, "-o", &xml]);
-    assert!(said.contains("14 links of 9.553 kg, 6 ball sockets"), "{said}");
+    assert!(said.contains("14 links of 9.553 kg, 6 joints that close"), "{said}");
     done(&["export", MODEL, "-o", &urdf]);
     let [mjcf, tree] = [&xml, &urdf].map(|file| std::fs::read_to_string(file).unwrap());
     assert_eq!((mjcf.matches("<connect ").count(), mjcf.matches("<motor ").count()), (6, 4));
@@ -338,6 +338,14 @@ fn robots_for_other_programs() {
     assert!(refused(&["export", MODEL, "-o", &xml]).contains("--force"));
     done(&["export", MODEL, "-o", &xml, "--force"]);
     refused(&["export", "models/servo-axis.toml", "-o", &path(&folder, "b.xml")]);
+    // A parallelogram as plate closes with one hinge more; a rack follows its pinion.
+    let [par4, i4] = ["par4", "i4"].map(|name| {
+        let file = path(&folder, &format!("{name}.xml"));
+        done(&["export", name, "-o", &file]);
+        std::fs::read_to_string(&file).unwrap()
+    });
+    assert_eq!((par4.matches("<connect ").count(), par4.matches("<motor ").count()), (9, 4));
+    assert!(i4.contains("joint1=\"rack\" joint2=\"spindle\""));
     refused(&["export", MODEL, "-o", &path(&folder, "b.csv")]);
 }
 

@@ -6,6 +6,7 @@ use miette::{IntoDiagnostic, Result, WrapErr, miette};
 use toml::de::DeTable;
 
 use crate::file;
+use crate::model::shipped;
 use crate::recording::bag::is_bag;
 
 /// Kinds of files read by deltatwin.
@@ -45,6 +46,9 @@ impl std::fmt::Display for Kind {
 pub fn kind(path: &Path) -> Result<Kind> {
     if path.is_dir() {
         return Err(miette!("{}: is a folder; expected a file", path.display()));
+    }
+    if shipped::named(path).is_some() {
+        return Ok(Kind::Model);
     }
     if is_bag(path) || path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
         return Ok(Kind::Recording);

@@ -76,10 +76,7 @@ fn robot(args: &Args, output: &Path, setup: Option<&Path>) -> miette::Result<u8>
         say(to_json(args, output, &made))?;
     } else {
         let Exported { links, loops, mass, .. } = made;
-        say(format!(
-            "Wrote {}: {links} links of {mass:.3} kg, {loops} joints that close the loops",
-            output.display()
-        ))?;
+        say(format!("Wrote {}: {links} links of {mass:.3} kg, {loops} joints that close the loops", output.display()))?;
         say(format!("  next: {}", next(format, output)))?;
     }
     Ok(DONE)
