@@ -110,6 +110,32 @@ fn drives_on_standing_guides_carry_the_weight() {
     }
 }
 
+/// The motor of a carriage resists its acceleration and does not weigh: 0.1 kg · 5 m/s² = 0.5 N on carriage 1, nothing at rest.
+#[test]
+fn motors_of_carriages_resist_and_do_not_weigh() {
+    let mut model = model("linear-delta");
+    model.effects.clear();
+    let force = |model: &Model, acceleration: f64| {
+        let plant = Plant::new(model, &Setup::default());
+        let q = [0.05, 0.06, 0.04, 0.0];
+        let joints = JointState { q, qdd: [acceleration, 0.0, 0.0, 0.0], ..JointState::default() };
+        let states = vec![&[][..]; plant.effects.len()];
+        inverse_dynamics(&plant, 0.0, &plant.motion(&joints).unwrap(), &states, false).unwrap().tau
+    };
+    let before = [0.0, 5.0].map(|a| force(&model, a));
+    let absent = deltatwin::effects::find("rotor_inertia").unwrap();
+    let mut motor = deltatwin::effects::ActiveEffect::absent_on(absent, model.host());
+    motor.values[0] = 0.1;
+    assert_eq!(motor.entries().len(), motor.values.len());
+    model.effects.push(motor);
+    for (acceleration, before, expected) in [(0.0, before[0], 0.0), (5.0, before[1], 0.5)] {
+        let after = force(&model, acceleration);
+        for (axis, expected) in [expected, 0.0, 0.0].into_iter().enumerate() {
+            approx::assert_relative_eq!(after[axis] - before[axis], expected, epsilon = 1e-12);
+        }
+    }
+}
+
 #[test]
 fn units_of_drives_are_those_of_carriages_and_units_of_links_are_not() {
     let model = model("linear-delta");

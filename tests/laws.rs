@@ -145,7 +145,7 @@ fn effects_act_on_nothing_but_the_parts_they_name() {
             Part::Axis4 | Part::FourthDrive => b == ROTOR,
             // Weight is checked below: every body, in proportion to its mass.
             Part::Weight => true,
-            Part::Linkage | Part::TurningArms | Part::FreeStruts => b <= END_EFFECTOR,
+            Part::Linkage | Part::ArmDrives | Part::FreeStruts => b <= END_EFFECTOR,
             Part::Telescope => b >= END_EFFECTOR,
             Part::TurningAxis => b == 0,
         };

@@ -7,7 +7,7 @@ use crate::machine::bodies::{arm, strut};
 
 /// Additional mass Δm of single struts and arms, uniform along them: m·c_x = Δm·l/2, Θ_yy = Θ_zz = Δm·l²/3.
 ///
-/// Δm in kg, either sign; l in m, ball to ball or shaft to elbow.
+/// Δm in kg, either sign; l in m, ball to ball or shaft to elbow. Of a carriage, l = 0.
 pub struct LimbAsymmetry;
 
 const STRUT_MASS: usize = 0;
@@ -16,7 +16,7 @@ const STRUT_LENGTH: usize = 2;
 const ARM_LENGTH: usize = 3;
 
 const fn length(name: &'static str, default: f64) -> Parameter {
-    Parameter::new(name, Unit::M, Role::Fixed, default, (1e-3, 10.0))
+    Parameter::new(name, Unit::M, Role::Fixed, default, (0.0, 10.0))
 }
 
 const PARAMETERS: &[Parameter] = &[
@@ -34,7 +34,7 @@ fn rod(length: f64) -> Inertia {
 
 static SPEC: Spec = Spec::new(
     "limb_asymmetry",
-    Part::TurningArms,
+    Part::Linkage,
     About {
         summary: "a strut or an arm is heavier or lighter than the others",
         law: "Δm per strut and arm as an even rod: first moment Δm·l/2, inertia Δm·l²/3 about its upper joint",

@@ -1,6 +1,8 @@
 //! Difference of the rotor inertia of the arm drives from the stated one.
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
+use nalgebra::Vector3;
+
+use super::{About, Count, Effect, Instant, Kind, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 use crate::machine::bodies::arm;
 use crate::machine::{Inertia, Payload};
 
@@ -9,6 +11,9 @@ use crate::machine::{Inertia, Payload};
 /// ΔJ in kg·m², the motor's inertia times the gear ratio squared, either sign. It is a disc about the motor axis: no
 /// weight, Θ_yy = ΔJ, Θ_xx = Θ_zz = ΔJ/2 (which do not enter). The part common to all arms is equivalent to the arms'
 /// own Θ_yy.
+///
+/// On a guide ΔJ is a mass in kg: the motor's inertia times the square of its turns in rad per metre. It resists the carriage
+/// and does not weigh: the law adds the mass ΔJ, of which a shaft that only turns notices nothing, and carries its weight.
 pub struct RotorInertia;
 
 const PARAMETERS: &[Parameter] =
@@ -16,7 +21,7 @@ const PARAMETERS: &[Parameter] =
 
 static SPEC: Spec = Spec::new(
     "rotor_inertia",
-    Part::TurningArms,
+    Part::ArmDrives,
     About {
         summary: "the reflected rotor inertia of an arm drive differs from the stated one",
         law: "τ_i grows by ΔJ_i·d²q_i/dt², ΔJ at the gear output",
@@ -35,7 +40,13 @@ impl Effect for RotorInertia {
 
     fn inertia(&self, values: &Values, _payload: &Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
         for limb in 0..values.len(0) {
-            out(values.index(0, limb), arm(limb), Inertia::diagonal(0.0, [0.0; 3], [0.5, 1.0, 0.5]));
+            out(values.index(0, limb), arm(limb), Inertia::diagonal(1.0, [0.0; 3], [0.5, 1.0, 0.5]));
+        }
+    }
+
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+        for limb in 0..values.len(0) {
+            out.wrench(values.index(0, limb), arm(limb), Vector3::z() * at.gravity, Vector3::zeros());
         }
     }
 }

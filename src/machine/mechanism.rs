@@ -102,8 +102,8 @@ pub enum Part {
     Telescope,
     /// A single turning axis with what it carries.
     TurningAxis,
-    /// Arms that turn about shafts, of an assembled robot.
-    TurningArms,
+    /// The drives of the arms of an assembled robot.
+    ArmDrives,
     /// Drives whose motors are part of the inertia of what they move: all but those of carriages.
     Motors,
 }
@@ -119,7 +119,7 @@ impl Part {
             Self::FreeStruts => "struts as bodies of their own",
             Self::Telescope => "the telescope",
             Self::TurningAxis => "a single turning axis",
-            Self::TurningArms => "arms that turn",
+            Self::ArmDrives => "the drives of the arms",
             Self::Motors => "motors in the inertia of what they move",
         }
     }
@@ -212,7 +212,7 @@ impl Mechanism {
                 Self::Delta { .. } => self.is_delta() && self.joint() == Joint::Revolute,
                 Self::Axis(_) => true,
             },
-            Part::TurningArms => delta && assembled && self.joint() == Joint::Revolute,
+            Part::ArmDrives => delta && assembled,
         }
     }
 
@@ -245,10 +245,10 @@ impl Mechanism {
         }
     }
 
-    /// `unit` of a parameter of an effect on `part`: as [`Self::unit`] for drives, unchanged for other parts of a robot.
+    /// `unit` of a parameter of an effect on `part`: as [`Self::unit`] for drives and those of the arms, unchanged for other parts of a robot.
     pub fn unit_on(self, part: Part, unit: Unit) -> Unit {
         match self {
-            Self::Delta { .. } if part != Part::Drives => unit,
+            Self::Delta { .. } if !matches!(part, Part::Drives | Part::ArmDrives) => unit,
             _ => self.unit(unit),
         }
     }
