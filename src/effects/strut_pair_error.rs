@@ -14,7 +14,7 @@ use crate::machine::Geometry;
 pub struct StrutPairError;
 
 const PARAMETERS: &[Parameter] =
-    &[Parameter::new("difference", Unit::M, Role::Linear, 0.001, (-0.02, 0.02)).counted(Count::PerArm)];
+    &[Parameter::new("difference", Unit::M, Role::Linear, 0.001, (-0.01, 0.01)).counted(Count::PerArm)];
 
 static SPEC: Spec = Spec::new(
     "strut_pair_error",
