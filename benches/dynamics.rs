@@ -147,7 +147,7 @@ fn maximal(c: &mut Criterion) {
     let plant = common::nominal_plant();
     let motions = motions(&plant);
     let wrenches = [(Vector3::zeros(), Vector3::zeros()); SLOTS];
-    let mut maximal = MaximalCoordinates::new();
+    let mut maximal = MaximalCoordinates::new(&plant);
     let mut cycle = motions.iter().cycle();
     c.bench_function("maximal coordinates, 84 + 74", |b| {
         b.iter(|| {

@@ -17,6 +17,7 @@ mod machine {
 
 mod allocation;
 mod axes;
+mod breaking;
 mod compliance;
 
 mod copp;

@@ -25,3 +25,4 @@ pub(crate) use newton_euler::accelerated_wrench;
 pub use newton_euler::inertial_wrench;
 pub use parameters::{ParamTable, PlantParameter};
 pub use plant::{Plant, in_configuration, set_parameters};
+pub(crate) use plate::without_prestress;

@@ -148,7 +148,7 @@ impl Plant {
     /// The body that carries an inertia: without a telescope, and where the plate does not turn it, the end effector is part of
     /// the platform.
     pub(crate) fn carrier(&self, body: usize, inertia: Inertia) -> (usize, Inertia) {
-        if body == END_EFFECTOR && !self.mechanism.has_telescope() && !self.mechanism.plate_turns() {
+        if body == END_EFFECTOR && !self.mechanism.has_end_effector() {
             (PLATFORM, inertia.seen_from(&Vector3::new(0.0, 0.0, self.geometry.flange_height)))
         } else {
             (body, inertia)

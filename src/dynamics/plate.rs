@@ -32,6 +32,24 @@ pub(super) struct PlateMotions {
     passive: std::ops::Range<usize>,
     /// Rates of the coordinates (rows) per gap rate at each strut (columns), (GᵀG)⁻¹Gᵀ.
     inverse: Square,
+    /// Gap rates at each strut (rows) per rate of the coordinates (columns), G.
+    gaps: Square,
+}
+
+/// Axial forces, N, to add to those at the lower balls of an assembled robot so that redundant struts are without prestress:
+/// (G (GᵀG)⁻¹ Gᵀ − 1) T.
+///
+/// # Errors
+/// Those of [`PlateMotions::new`].
+pub(crate) fn without_prestress(
+    geometry: &Geometry,
+    motion: &Motion,
+    lower: &[f64; MAX_STRUTS],
+) -> Result<[f64; MAX_STRUTS], KinematicsError> {
+    let plate = PlateMotions::new(geometry, motion)?;
+    let tensions = SVector::from(*lower);
+    let added = plate.inverse.tr_mul(&plate.gaps.tr_mul(&tensions)) - tensions;
+    Ok(added.into())
 }
 
 impl PlateMotions {
@@ -71,7 +89,7 @@ impl PlateMotions {
             true => gaps.try_inverse(),
             false => normal.cholesky().map(|root| root.solve(&gaps.transpose())),
         };
-        Ok(Self { bodies, twists, lever, passive, inverse: inverse.ok_or_else(singular)? })
+        Ok(Self { bodies, twists, lever, passive, inverse: inverse.ok_or_else(singular)?, gaps })
     }
 
     /// Rates of the coordinates while the arm of driven `limb` moves at unit rate, no strut changes its length and the other

@@ -4,8 +4,7 @@ use nalgebra::Vector3;
 
 use super::{About, Effect, Instant, MachineView, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 use crate::kinematics::Motion;
-use crate::machine::bodies::{ARM, PLATFORM, STRUT};
-use crate::machine::{ARMS, STRUTS};
+use crate::machine::bodies::{arm, strut};
 
 /// One clamp unit at each end of a pair: two tension springs between the struts, F = ½·(P + k·(d − d₀)) each.
 ///
@@ -48,7 +47,7 @@ const PARAMETERS: &[Parameter] = &[
 
 static SPEC: Spec = Spec::new(
     "clamp_springs",
-    Part::FreeStruts,
+    Part::Linkage,
     About {
         summary: "springs between the struts of a pair, which clamp the sockets and restrain the struts' spin",
         law: "F = ½·(P + k·(d − d₀)) along each of two springs per end of a pair",
@@ -72,10 +71,10 @@ impl Effect for ClampSprings {
     fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let (position, offset) = (values.one(POSITION), values.one(OFFSET));
         let (spread, gap) = (values.one(SPREAD), values.one(GAP));
-        for limb in 0..ARMS {
+        for limb in 0..at.motion.limbs {
             for end in 0..2 {
                 let pair = [2 * limb, 2 * limb + 1];
-                if pair.iter().any(|s| !at.closed.contains(end * STRUTS + s)) {
+                if pair.iter().any(|s| !at.closed.contains(end * at.motion.struts() + s)) {
                     continue;
                 }
                 for side in [spread, -spread] {
@@ -83,10 +82,10 @@ impl Effect for ClampSprings {
                     let anchors: [Vector3<f64>; 2] = std::array::from_fn(|k| {
                         let along = if end == 0 { position } else { at.motion.strut_length[pair[k]] - position };
                         let towards = if k == 0 { -offset } else { offset };
-                        at.motion.bodies[STRUT + pair[k]].rotation * Vector3::new(along, towards, side)
+                        at.motion.bodies[strut(pair[k])].rotation * Vector3::new(along, towards, side)
                     });
                     let points: [Vector3<f64>; 2] =
-                        std::array::from_fn(|k| at.motion.bodies[STRUT + pair[k]].position + anchors[k]);
+                        std::array::from_fn(|k| at.motion.bodies[strut(pair[k])].position + anchors[k]);
                     let line = points[1] - points[0];
                     let distance = line.norm();
                     let pull = line / distance;
@@ -105,13 +104,13 @@ impl Effect for ClampSprings {
 ///
 /// The resultant is a moment on the strut, from the anchor's distance to the line of the balls, and forces on arm and
 /// platform according to the lever rule.
-fn prestress(k: usize, strut: usize, anchor: &Vector3<f64>, force: &Vector3<f64>, motion: &Motion, out: &mut Wrenches) {
-    let (axis, length) = (motion.strut_axis[strut], motion.strut_length[strut]);
+fn prestress(k: usize, s: usize, anchor: &Vector3<f64>, force: &Vector3<f64>, motion: &Motion, out: &mut Wrenches) {
+    let (axis, length) = (motion.strut_axis[s], motion.strut_length[s]);
     let along = anchor.dot(&axis);
-    out.moment(k, STRUT + strut, (anchor - axis * along).cross(force));
-    let start = motion.bodies[STRUT + strut].position;
+    out.moment(k, strut(s), (anchor - axis * along).cross(force));
+    let start = motion.bodies[strut(s)].position;
     for (body, ball, share) in
-        [(ARM + strut / 2, start, 1.0 - along / length), (PLATFORM, start + axis * length, along / length)]
+        [(arm(s / 2), start, 1.0 - along / length), (motion.carrier[s], start + axis * length, along / length)]
     {
         let part = force * share;
         out.wrench(k, body, part, (ball - motion.bodies[body].position).cross(&part));
@@ -122,6 +121,8 @@ fn prestress(k: usize, strut: usize, anchor: &Vector3<f64>, force: &Vector3<f64>
 mod tests {
     use super::*;
     use crate::effects::testing;
+    use crate::machine::STRUTS;
+    use crate::machine::bodies::{ARM, PLATFORM, STRUT};
 
     /// Struts 1 and 2 hang along x from balls 100 mm apart in y; the first is rolled by `roll`.
     fn moments(roll: [f64; 2]) -> [Vector3<f64>; 2] {

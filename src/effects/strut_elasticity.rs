@@ -1,7 +1,7 @@
 //! Axial elasticity of the struts and their sockets.
 
 use super::{About, Compliance, Count, Effect, Parameter, Part, Role, Spec, Unit, Values};
-use crate::machine::STRUTS;
+use crate::machine::MAX_STRUTS;
 
 /// Axial spring and damper in each strut: T = Δl/c + d·Δl̇ (N), tension positive, Δl (m) the elongation.
 ///
@@ -28,13 +28,13 @@ pub struct StrutSpring {
 }
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter::new("compliance", Unit::MPerN, Role::Linear, 1.0 / 3.4e6, (0.0, 2e-6)).counted(Count::PerArm),
+    Parameter::new("compliance", Unit::MPerN, Role::Linear, 1.0 / 3.4e6, (0.0, 2e-6)).counted(Count::PerLimb),
     Parameter::new("damping", Unit::NSPerM, Role::Fixed, 300.0, (0.0, 1e5)),
 ];
 
 static SPEC: Spec = Spec::new(
     "strut_elasticity",
-    Part::FreeStruts,
+    Part::Linkage,
     About {
         summary: "axial compliance of the struts with their sockets (twin only)",
         law: "T = Δl/c + d·dΔl/dt in each strut, tension positive",
@@ -57,11 +57,13 @@ impl Effect for StrutElasticity {
 }
 
 impl Compliance for StrutElasticity {
-    fn strut_spring(&self, values: &Values) -> Option<[StrutSpring; STRUTS]> {
+    fn strut_spring(&self, values: &Values) -> Option<[StrutSpring; MAX_STRUTS]> {
         let compliance = values.block(COMPLIANCE);
         // A rigid limb among elastic ones gets the largest stiffness that the law allows.
-        let spring =
-            |s: usize| StrutSpring { stiffness: 1.0 / compliance[s / 2].max(RIGID), damping: values.one(DAMPING) };
+        let spring = |s: usize| StrutSpring {
+            stiffness: 1.0 / compliance.get(s / 2).map_or(RIGID, |c| c.max(RIGID)),
+            damping: values.one(DAMPING),
+        };
         compliance.iter().any(|c| *c > RIGID).then(|| std::array::from_fn(spring))
     }
 }

@@ -7,7 +7,7 @@ use crate::machine::Geometry;
 pub struct StrutLengthError;
 
 const PARAMETERS: &[Parameter] =
-    &[Parameter::new("length", Unit::M, Role::Linear, 0.001, (-0.02, 0.02)).counted(Count::PerArm)];
+    &[Parameter::new("length", Unit::M, Role::Linear, 0.001, (-0.02, 0.02)).counted(Count::PerLimb)];
 
 static SPEC: Spec = Spec::new(
     "strut_length_error",

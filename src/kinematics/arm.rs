@@ -56,6 +56,15 @@ impl Arm {
         }
     }
 
+    /// Position of the drive of `limb` (rad within half a turn, or m) that places its arm as `arm`.
+    pub fn coordinate(limb: &Limb, arm: &BodyMotion) -> f64 {
+        let x = arm.rotation.column(0);
+        match limb.actuator {
+            Actuator::Revolute => (-x.z).atan2(x.dot(&limb.radial())),
+            Actuator::Prismatic { .. } => x.dot(&(arm.position - limb.shaft())),
+        }
+    }
+
     /// The arms of the first three limbs with their drives at `q`.
     pub fn three(geometry: &Geometry, q: &[f64]) -> [Self; ARMS] {
         std::array::from_fn(|i| Self::new(&geometry.limbs[i], q[i]))

@@ -24,6 +24,11 @@ pub enum Actuator {
 }
 
 impl Actuator {
+    /// Whether the arm turns.
+    pub fn is_revolute(self) -> bool {
+        self == Self::Revolute
+    }
+
     /// Joint type of the arms.
     pub fn joint(self) -> Joint {
         match self {

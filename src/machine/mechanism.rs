@@ -191,6 +191,11 @@ impl Mechanism {
         }
     }
 
+    /// Whether the end effector moves relative to the platform; otherwise it is part of it.
+    pub fn has_end_effector(self) -> bool {
+        self.has_telescope() || self.plate_turns()
+    }
+
     /// Whether there is a telescope with its drive.
     pub fn has_telescope(self) -> bool {
         matches!(self, Self::Delta { telescope: true, .. })

@@ -125,6 +125,18 @@ impl Plate {
         }
     }
 
+    /// Points at which part `k` is joined to others, in its frame, m; of the end effector as if the flange were in the plane
+    /// of the plate.
+    pub fn joints(&self, k: usize) -> Vec<Vector3<f64>> {
+        match (*self, k) {
+            (Self::Rigid, _) => Vec::new(),
+            (Self::Par4 { main, .. }, 0 | 1) => vec![main / 2.0, main / -2.0],
+            (Self::Par4 { connecting, .. }, _) => vec![connecting / 2.0, connecting / -2.0],
+            (Self::H4 { hinges }, 2) => hinges.to_vec(),
+            (Self::H4 { .. } | Self::I4 { .. }, _) => vec![Vector3::zeros()],
+        }
+    }
+
     /// Virtual motions of the plate at ψ in addition to the six of a rigid body: per motion the velocity of each part's
     /// origin (m per unit) and its angular velocity about z (rad per unit), in the order of [`Self::bodies`].
     ///

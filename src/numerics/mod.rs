@@ -23,6 +23,11 @@ pub fn deviation(values: &[f64]) -> f64 {
     (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / count).sqrt()
 }
 
+/// `angle` plus the full turns of `near`, rad.
+pub fn with_turns(angle: f64, near: f64) -> f64 {
+    angle + std::f64::consts::TAU * ((near - angle) / std::f64::consts::TAU).round()
+}
+
 /// The larger magnitude of two errors; NaN if one of them is NaN, which `f64::max` drops.
 pub fn worst(a: f64, b: f64) -> f64 {
     let (a, b) = (a.abs(), b.abs());

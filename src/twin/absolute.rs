@@ -1,4 +1,4 @@
-//! The machine in absolute coordinates as a system of differential equations: fourteen bodies, 84 velocities, every
+//! The machine in absolute coordinates as a system of differential equations: all bodies, six velocities each, every
 //! closed joint as constraint rows.
 //!
 //! Used for a whole run on request, and from the first dislocation on. Poses and velocities of all bodies are
@@ -6,24 +6,26 @@
 //! [Munthe-Kaas 1998]: θ̇ = dexp⁻¹(ω)); after each step the state is projected onto the rows. A disassembled robot has
 //! the rows of its bearings only. Elastic struts have one additional velocity each, the rate of their elongation.
 
+use std::ops::Range;
+
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
 
 use super::SingularPose;
-use super::constraints::ROWS;
 use super::contacts::{Contacts, Resistance};
 use super::context::{Answer, Context};
 use super::forces::spin_restraint;
 use super::integrator::{Stage, System};
-use super::maximal::{Added, Bearings, Extra, MaximalCoordinates, Solution as Constrained, Stretch, Stretches};
+use super::maximal::{Added, Extra, MAX_ROWS, MaximalCoordinates, Solution as Constrained, Stretch};
 use super::rod::{self, Rod};
 use super::state::BodyState;
 use super::wrench::{Load, STILL, Twist};
-use crate::dynamics::Plant;
+use crate::dynamics::{Plant, without_prestress};
 use crate::effects::StrutSpring;
 use crate::kinematics::motion::MAX_SOCKETS;
-use crate::kinematics::{BodyMotion, JointState, Motion, Reactions, Screw, SocketSet, Telescope};
-use crate::machine::bodies::{ARM, BODIES, PLATFORM, ROTOR, SLOTS, STRUT, TELESCOPE_LOWER};
-use crate::machine::{ARMS, AXES, Actuator, STRUTS};
+use crate::kinematics::{Arm, BodyMotion, JointState, Motion, Reactions, Screw, SocketSet, Telescope};
+use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, arm, strut};
+use crate::machine::{AXES, MAX_STRUTS};
+use crate::numerics::with_turns;
 
 /// Per body: position, quaternion at the start of the step, rotation θ since then, velocity, angular velocity (inertial
 /// axes).
@@ -31,58 +33,73 @@ const BODY: usize = 16;
 const TURN: usize = 7;
 const VELOCITY: usize = 10;
 const OMEGA: usize = 13;
-/// Axis angles including full turns, which the orientations of the bodies do not determine.
-const ANGLES: usize = BODY * BODIES;
-/// Elongations of the struts, followed by their rates.
-const STRETCH: usize = ANGLES + AXES;
-const STRETCH_RATE: usize = STRETCH + STRUTS;
-/// Number of positions and velocities.
-pub(super) const LENGTH: usize = STRETCH_RATE + STRUTS;
 
-/// The joints of a machine in absolute coordinates.
+/// The joints of a machine in absolute coordinates, and the layout of its state: bodies, then the angles of the axes
+/// including full turns, which the orientations do not determine, then the elongations of the struts and their rates.
 pub(super) struct Joints {
-    solver: Solver,
-    rods: [Rod; STRUTS],
+    solver: MaximalCoordinates,
+    rods: Vec<Rod>,
     /// Elastic struts; `None` if they are rigid.
-    springs: Option<[StrutSpring; STRUTS]>,
-}
-
-enum Solver {
-    /// All joints of an assembled robot, except open sockets.
-    Loops(MaximalCoordinates),
-    /// Bearings of arms and rotor.
-    Bearings(Box<Bearings>),
+    springs: Option<Vec<StrutSpring>>,
+    /// Place of every body in the state; `usize::MAX` without.
+    places: [usize; SLOTS],
 }
 
 impl Joints {
     /// Joints of a machine in its configuration.
     pub fn new(plant: &Plant) -> Self {
+        let solver = MaximalCoordinates::new(plant);
+        let mut places = [usize::MAX; SLOTS];
+        solver.bodies().iter().enumerate().for_each(|(k, &b)| places[b] = BODY * k);
+        let struts = if plant.assembled { plant.mechanism.struts() } else { 0 };
         Self {
-            solver: if plant.assembled {
-                Solver::Loops(MaximalCoordinates::new())
-            } else {
-                Solver::Bearings(Box::new(Bearings::new()))
-            },
-            rods: Rod::all(plant),
-            springs: plant.effects.iter().find_map(|a| a.strut_spring()),
+            rods: (0..struts).map(|s| Rod::new(&plant.bodies[strut(s)], plant.geometry.strut_length(s))).collect(),
+            springs: plant.effects.iter().find_map(|a| a.strut_spring()).map(|all| all[..struts].to_vec()),
+            solver,
+            places,
         }
+    }
+
+    /// Number of positions and velocities.
+    pub fn length(&self) -> usize {
+        self.rates().end
+    }
+
+    fn place(&self, body: usize) -> Range<usize> {
+        self.places[body]..self.places[body] + BODY
+    }
+
+    /// Angles of the axes.
+    fn angles(&self) -> Range<usize> {
+        let start = BODY * self.solver.bodies().len();
+        start..start + AXES
+    }
+
+    /// Elongations of the struts.
+    fn elongations(&self) -> Range<usize> {
+        let start = self.angles().end;
+        start..start + self.rods.len()
+    }
+
+    /// Rates of the elongations.
+    fn rates(&self) -> Range<usize> {
+        let start = self.elongations().end;
+        start..start + self.rods.len()
     }
 
     /// Energy of a state in excess of that with rigid struts, J, without the energy of the springs.
     pub fn stretch_energy(&self, plant: &Plant, motion: &Motion, y: &[f64]) -> f64 {
-        let rates = std::array::from_fn(|s| y[STRETCH_RATE + s]);
-        self.springs.map_or(0.0, |_| rod::stretch_energy(&self.rods, plant, motion, &rates))
+        self.springs.as_ref().map_or(0.0, |_| rod::stretch_energy(&self.rods, plant, motion, &y[self.rates()]))
     }
 
     /// Elastic struts at a state, without implicit terms; `None` if they are rigid.
-    fn stretches(&self, y: &[f64]) -> Option<Stretches> {
-        self.springs.map(|springs| {
-            std::array::from_fn(|s| {
-                let (elongation, rate) = (y[STRETCH + s], y[STRETCH_RATE + s]);
-                let force = -springs[s].stiffness * elongation - springs[s].damping * rate;
-                Stretch { rod: self.rods[s], elongation, rate, force, added: 0.0 }
-            })
-        })
+    fn stretches(&self, y: &[f64]) -> Option<Vec<Stretch>> {
+        let now = y[self.elongations()].iter().zip(&y[self.rates()]);
+        let stretch = |((spring, rod), (&elongation, &rate)): ((&StrutSpring, &Rod), (&f64, &f64))| {
+            let force = -spring.stiffness * elongation - spring.damping * rate;
+            Stretch { rod: *rod, elongation, rate, force, added: 0.0 }
+        };
+        self.springs.as_ref().map(|springs| springs.iter().zip(&self.rods).zip(now).map(stretch).collect())
     }
 
     /// Power of the elastic struts on the bodies, W.
@@ -98,46 +115,41 @@ impl Joints {
         wrenches: &[Twist; SLOTS],
         extra: Extra,
     ) -> Result<Solution, SingularPose> {
-        let bodies = &motion.bodies;
-        let solution = |found: &Constrained| Solution {
-            bodies: found.bodies,
-            stretches: found.stretches,
-            multipliers: found.multipliers,
-            reactions: Reactions::default(),
-            socket_force: [Vector3::zeros(); MAX_SOCKETS],
-        };
-        match &mut self.solver {
-            Solver::Loops(maximal) => {
-                let out = solution(maximal.solve_with(plant, bodies, closed, wrenches, extra)?);
-                Ok(Solution { reactions: maximal.axial_forces(bodies), socket_force: maximal.socket_forces(), ..out })
+        let found = self.solver.solve_with(plant, &motion.bodies, closed, wrenches, extra)?;
+        let Constrained { bodies, stretches, multipliers } = *found;
+        let mut reactions = self.solver.axial_forces(&motion.bodies);
+        let mut socket_force = self.solver.socket_forces();
+        // Rigid struts that are redundant: without prestress, as long as all are held.
+        if extra.stretches.is_none() && closed == plant.sockets() && self.solver.is_redundant() {
+            let added = without_prestress(&plant.geometry, motion, &reactions.lower).map_err(|_| SingularPose)?;
+            for (s, force) in added.into_iter().enumerate().take(self.rods.len()) {
+                reactions.upper[s] += force;
+                reactions.lower[s] += force;
+                socket_force[s] -= motion.strut_axis[s] * force;
+                socket_force[self.rods.len() + s] += motion.strut_axis[s] * force;
             }
-            Solver::Bearings(bearings) => Ok(solution(bearings.solve(plant, bodies, wrenches, extra.damping)?)),
         }
+        Ok(Solution { bodies, stretches, multipliers, reactions, socket_force })
     }
 
     /// Projects a state onto the rows of the closed joints; returns the number of Newton corrections.
     pub fn close(&mut self, plant: &Plant, y: &mut [f64], closed: SocketSet) -> Result<usize, SingularPose> {
-        let mut bodies: [BodyState; BODIES] = std::array::from_fn(|b| body_state(&y[BODY * b..BODY * (b + 1)]));
+        let mut bodies = [BodyState::REST; SLOTS];
+        self.solver.bodies().iter().for_each(|&b| bodies[b] = body_state(&y[self.place(b)]));
         let mut stretches = self.stretches(y);
-        let corrections = match &mut self.solver {
-            Solver::Loops(maximal) => maximal.project_elastic(plant, &mut bodies, closed, stretches.as_mut())?,
-            Solver::Bearings(bearings) => bearings.project(plant, &mut bodies)?,
-        };
-        for (b, body) in bodies.iter().enumerate() {
+        let corrections = self.solver.project_elastic(plant, &mut bodies, closed, stretches.as_deref_mut())?;
+        for &b in self.solver.bodies() {
+            let body = &bodies[b];
             let orientation = UnitQuaternion::new_normalize(body.orientation);
-            store_body(
-                &mut y[BODY * b..BODY * (b + 1)],
-                &body.position,
-                &orientation,
-                &body.velocity,
-                &(orientation * body.angular_velocity),
-            );
+            let omega = orientation * body.angular_velocity;
+            store_body(&mut y[self.place(b)], &body.position, &orientation, &body.velocity, &omega);
         }
+        let (elongations, rates) = (self.elongations(), self.rates());
         for (s, stretch) in stretches.iter().flatten().enumerate() {
-            (y[STRETCH + s], y[STRETCH_RATE + s]) = (stretch.elongation, stretch.rate);
+            (y[elongations.start + s], y[rates.start + s]) = (stretch.elongation, stretch.rate);
         }
-        let q = motion(plant, y).q;
-        y[ANGLES..STRETCH].copy_from_slice(&q);
+        let q = self.motion(plant, y).q;
+        y[self.angles()].copy_from_slice(&q);
         Ok(corrections)
     }
 
@@ -148,57 +160,105 @@ impl Joints {
         motion: &Motion,
         closed: SocketSet,
         wrenches: &[Twist; SLOTS],
-    ) -> Result<[f64; ROWS], SingularPose> {
-        let mut y = vec![0.0; LENGTH];
-        if self.springs.is_some() {
-            store_stretches(&mut y, plant, motion);
-        }
+    ) -> Result<[f64; MAX_ROWS], SingularPose> {
+        let mut y = vec![0.0; self.length()];
+        self.store_stretches(&mut y, plant, motion);
         let stretches = self.stretches(&y);
-        Ok(self
-            .solve(plant, motion, closed, wrenches, Extra { damping: None, stretches: stretches.as_ref() })?
-            .multipliers)
+        let extra = Extra { damping: None, stretches: stretches.as_deref() };
+        Ok(self.solve(plant, motion, closed, wrenches, extra)?.multipliers)
     }
-}
 
-/// Writes poses and velocities of a motion, and the elongations of its struts.
-pub(super) fn store(y: &mut [f64], plant: &Plant, motion: &Motion) {
-    for (b, m) in motion.bodies[..BODIES].iter().enumerate() {
-        let orientation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(m.rotation));
-        store_body(&mut y[BODY * b..BODY * (b + 1)], &m.position, &orientation, &m.velocity, &m.angular_velocity);
+    /// Writes poses and velocities of a motion, and the elongations of its struts.
+    pub fn store(&self, y: &mut [f64], plant: &Plant, motion: &Motion) {
+        for &b in self.solver.bodies() {
+            let m = &motion.bodies[b];
+            let orientation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(m.rotation));
+            store_body(&mut y[self.place(b)], &m.position, &orientation, &m.velocity, &m.angular_velocity);
+        }
+        y[self.angles()].copy_from_slice(&motion.q);
+        self.store_stretches(y, plant, motion);
     }
-    y[ANGLES..STRETCH].copy_from_slice(&motion.q);
-    if plant.assembled {
-        store_stretches(y, plant, motion);
-    }
-}
 
-/// Writes the velocities of a motion without changing the poses; struts with an open socket keep their elongation
-/// rates.
-pub(super) fn store_velocities(y: &mut [f64], plant: &Plant, motion: &Motion, closed: SocketSet) {
-    for (b, m) in motion.bodies[..BODIES].iter().enumerate() {
-        let at = &mut y[BODY * b..BODY * (b + 1)];
-        at[VELOCITY..OMEGA].copy_from_slice(m.velocity.as_slice());
-        at[OMEGA..].copy_from_slice(m.angular_velocity.as_slice());
+    /// Writes the velocities of a motion without changing the poses; struts with an open socket keep their elongation
+    /// rates.
+    pub fn store_velocities(&self, y: &mut [f64], motion: &Motion, closed: SocketSet) {
+        for &b in self.solver.bodies() {
+            let (m, at) = (&motion.bodies[b], &mut y[self.place(b)]);
+            at[VELOCITY..OMEGA].copy_from_slice(m.velocity.as_slice());
+            at[OMEGA..].copy_from_slice(m.angular_velocity.as_slice());
+        }
+        for (s, rate) in y[self.rates()].iter_mut().enumerate() {
+            if closed.contains(s) && closed.contains(self.rods.len() + s) {
+                *rate = rod::length_rate(motion, s);
+            }
+        }
     }
-    let rates = rod::length_rates(plant, motion);
-    for s in (0..STRUTS).filter(|&s| closed.contains(s) && closed.contains(STRUTS + s)) {
-        y[STRETCH_RATE + s] = rates[s];
-    }
-}
 
-/// Sets all velocities to zero.
-pub(super) fn stop(y: &mut [f64]) {
-    for b in 0..BODIES {
-        y[BODY * b + VELOCITY..BODY * (b + 1)].fill(0.0);
+    /// Sets all velocities to zero.
+    pub fn stop(&self, y: &mut [f64]) {
+        self.solver.bodies().iter().for_each(|&b| y[self.place(b)][VELOCITY..].fill(0.0));
+        y[self.rates()].fill(0.0);
     }
-    y[STRETCH_RATE..LENGTH].fill(0.0);
-}
 
-fn store_stretches(y: &mut [f64], plant: &Plant, motion: &Motion) {
-    let rates = rod::length_rates(plant, motion);
-    for s in 0..STRUTS {
-        y[STRETCH + s] = motion.strut_length[s] - plant.geometry.strut_length(s);
-        y[STRETCH_RATE + s] = rates[s];
+    fn store_stretches(&self, y: &mut [f64], plant: &Plant, motion: &Motion) {
+        let (elongations, rates) = (self.elongations(), self.rates());
+        for s in 0..self.rods.len() {
+            y[elongations.start + s] = motion.strut_length[s] - plant.geometry.strut_length(s);
+            y[rates.start + s] = rod::length_rate(motion, s);
+        }
+    }
+
+    /// Axis angles including full turns, rad.
+    pub fn coordinates(&self, y: &[f64]) -> [f64; AXES] {
+        let at = self.angles();
+        std::array::from_fn(|i| y[at.start + i])
+    }
+
+    /// Motion of all bodies at a state, without accelerations.
+    pub fn motion(&self, plant: &Plant, y: &[f64]) -> Motion {
+        let geometry = &plant.geometry;
+        let mut out = Motion::disassembled(geometry, &JointState { q: self.coordinates(y), ..JointState::default() });
+        for &b in self.solver.bodies() {
+            let at = &y[self.place(b)];
+            out.bodies[b] = BodyMotion {
+                rotation: orientation(at).to_rotation_matrix().into_inner(),
+                position: vector(at),
+                velocity: vector(&at[VELOCITY..]),
+                angular_velocity: vector(&at[OMEGA..]),
+                ..BodyMotion::REST
+            };
+        }
+        for (i, limb) in geometry.limbs.iter().enumerate().filter(|(i, _)| self.places[arm(*i)] != usize::MAX) {
+            let body = &out.bodies[arm(i)];
+            let place = Arm::coordinate(limb, body);
+            out.q[i] = if limb.actuator.is_revolute() { with_turns(place, out.q[i]) } else { place };
+            out.qd[i] = out.arm_screw(i).rate_of(body);
+        }
+        if self.places[ROTOR] != usize::MAX {
+            let rotor = &out.bodies[ROTOR];
+            out.q[3] = with_turns(rotor.rotation[(1, 0)].atan2(rotor.rotation[(0, 0)]), out.q[3]);
+            out.qd[3] = rotor.angular_velocity.z;
+        }
+        if plant.assembled {
+            for (s, elongation) in y[self.elongations()].iter().enumerate() {
+                out.strut_axis[s] = out.bodies[strut(s)].rotation.column(0).into_owned();
+                out.strut_length[s] = geometry.strut_length(s) + elongation;
+            }
+            if self.places[END_EFFECTOR] == usize::MAX {
+                let platform = out.bodies[PLATFORM];
+                let lever = platform.rotation.column(2) * geometry.flange_height;
+                out.bodies[END_EFFECTOR] = BodyMotion {
+                    position: platform.position + lever,
+                    velocity: platform.velocity + platform.angular_velocity.cross(&lever),
+                    ..platform
+                };
+            }
+        }
+        if self.places[TELESCOPE_LOWER] != usize::MAX {
+            let lower = &out.bodies[TELESCOPE_LOWER];
+            out.telescope = Telescope::between(&lower.position, &lower.velocity, &geometry.upper_hooke());
+        }
+        out
     }
 }
 
@@ -243,70 +303,21 @@ fn turn_rate(turn: &Vector3<f64>, omega: &Vector3<f64>) -> Vector3<f64> {
     omega - once * 0.5 + turn.cross(&once) / 12.0
 }
 
-/// `angle` plus the full turns of `near`.
-fn with_turns(angle: f64, near: f64) -> f64 {
-    angle + std::f64::consts::TAU * ((near - angle) / std::f64::consts::TAU).round()
-}
-
-/// Axis angles including full turns, rad.
-pub(super) fn angles(y: &[f64]) -> [f64; AXES] {
-    std::array::from_fn(|i| y[ANGLES + i])
-}
-
-/// Motion of all bodies at a state, without accelerations.
-pub(super) fn motion(plant: &Plant, y: &[f64]) -> Motion {
-    let geometry = &plant.geometry;
-    let mut out = Motion::disassembled(geometry, &JointState { q: angles(y), ..JointState::default() });
-    let mounted = |b: usize| plant.assembled || b == ROTOR || (ARM..ARM + ARMS).contains(&b);
-    for b in (0..BODIES).filter(|&b| mounted(b)) {
-        let at = &y[BODY * b..BODY * (b + 1)];
-        out.bodies[b] = BodyMotion {
-            rotation: orientation(at).to_rotation_matrix().into_inner(),
-            position: vector(at),
-            velocity: vector(&at[VELOCITY..]),
-            angular_velocity: vector(&at[OMEGA..]),
-            ..BodyMotion::REST
-        };
-    }
-    for i in 0..ARMS {
-        let (arm, x) = (&out.bodies[ARM + i], out.bodies[ARM + i].rotation.column(0));
-        out.q[i] = match geometry.limbs[i].actuator {
-            Actuator::Revolute => with_turns((-x.z).atan2(x.dot(&geometry.limbs[i].radial())), out.q[i]),
-            Actuator::Prismatic { .. } => x.dot(&(arm.position - geometry.limbs[i].shaft())),
-        };
-        out.qd[i] = out.drive(i).1.rate_of(&out.bodies[ARM + i]);
-    }
-    let rotor = &out.bodies[ROTOR];
-    out.q[3] = with_turns(rotor.rotation[(1, 0)].atan2(rotor.rotation[(0, 0)]), out.q[3]);
-    out.qd[3] = rotor.angular_velocity.z;
-    if plant.assembled {
-        for s in 0..STRUTS {
-            out.strut_axis[s] = out.bodies[STRUT + s].rotation.column(0).into_owned();
-            out.strut_length[s] = geometry.strut_length(s) + y[STRETCH + s];
-        }
-        let lower = &out.bodies[TELESCOPE_LOWER];
-        out.telescope = Telescope::between(&lower.position, &lower.velocity, &geometry.upper_hooke());
-    }
-    out
-}
-
 /// Rate of a joint on `body`, rad/s or m/s, in a state-like vector.
-fn rate_of(screw: &Screw, body: usize, y: &[f64]) -> f64 {
-    screw.rate(&vector(&y[BODY * body + VELOCITY..]), &vector(&y[BODY * body + OMEGA..]))
-}
-
-fn rate_of_drive(motion: &Motion, axis: usize, y: &[f64]) -> f64 {
-    let (body, screw) = motion.drive(axis);
-    rate_of(&screw, body, y)
+fn rate_of(joints: &Joints, screw: &Screw, body: usize, y: &[f64]) -> f64 {
+    match joints.places[body] {
+        usize::MAX => 0.0,
+        at => screw.rate(&vector(&y[at + VELOCITY..]), &vector(&y[at + OMEGA..])),
+    }
 }
 
 /// Accelerations of all bodies, and joint forces.
 pub(super) struct Solution {
     pub bodies: [Twist; SLOTS],
     /// Second derivatives of the elongations, m/s².
-    stretches: [f64; STRUTS],
+    stretches: [f64; MAX_STRUTS],
     /// Multiplier λ of every row, N or N·m.
-    pub multipliers: [f64; ROWS],
+    pub multipliers: [f64; MAX_ROWS],
     pub reactions: Reactions,
     pub socket_force: [Vector3<f64>; MAX_SOCKETS],
 }
@@ -331,7 +342,11 @@ impl Absolute<'_> {
     ) -> Result<Solution, SingularPose> {
         self.context.prepare(t, y, motion);
         if let Some((sum, _)) = implicit {
-            self.context.scratch.motors.sums = std::array::from_fn(|i| rate_of_drive(motion, i, sum));
+            let joints = &*self.joints;
+            self.context.scratch.motors.sums = std::array::from_fn(|i| {
+                let (body, screw) = motion.drive(i);
+                rate_of(joints, &screw, body, sum)
+            });
         }
         let Context { plant, torque, closed, .. } = &*self.context;
         let (torque, closed) = (torque.at(t), *closed);
@@ -344,15 +359,15 @@ impl Absolute<'_> {
         let mut damping = None;
         match implicit {
             Some((sum, g)) if g > 0.0 => {
-                damping = Some(self.implicit_terms((t, y, motion), (sum, g), &mut pushes, stretches.as_mut()));
+                damping = Some(self.implicit_terms((t, y, motion), (sum, g), &mut pushes, stretches.as_deref_mut()));
             }
             Some(_) => {
                 // An explicit method runs without loads on the spins; their stiff restraint is omitted, so that they
                 // stay at rest.
-                for s in 0..STRUTS {
+                for s in 0..self.joints.rods.len() {
                     let u = motion.strut_axis[s];
-                    let spin = motion.bodies[STRUT + s].angular_velocity.dot(&u);
-                    pushes[STRUT + s].1 += u * (spin_restraint(plant, closed, s) * spin);
+                    let spin = motion.bodies[strut(s)].angular_velocity.dot(&u);
+                    pushes[strut(s)].1 += u * (spin_restraint(plant, closed, s) * spin);
                 }
             }
             None => {}
@@ -369,7 +384,7 @@ impl Absolute<'_> {
                 motion,
                 closed,
                 &all,
-                Extra { damping: damping.as_ref(), stretches: stretches.as_ref() },
+                Extra { damping: damping.as_ref(), stretches: stretches.as_deref() },
             )?;
             let drives = std::array::from_fn(|axis| {
                 let (body, screw) = motion.drive(axis);
@@ -388,29 +403,29 @@ impl Absolute<'_> {
         (t, y, motion): (f64, &[f64], &Motion),
         (sum, g): (&[f64], f64),
         pushes: &mut [Twist; SLOTS],
-        stretches: Option<&mut Stretches>,
-    ) -> [Added; BODIES] {
+        stretches: Option<&mut [Stretch]>,
+    ) -> [Added; SLOTS] {
         let Context { forces, layout, torque, scratch, .. } = &*self.context;
         let drives = torque.at(t);
-        let mut blocks = [Added::NONE; BODIES];
+        let mut blocks = [Added::NONE; SLOTS];
         if scratch.resisted {
             for (b, contact) in scratch.resistances.iter().enumerate().filter(|(_, c)| **c != Resistance::NONE) {
-                let (m, sum) = (&motion.bodies[b], &sum[BODY * b..BODY * (b + 1)]);
+                let (m, sum) = (&motion.bodies[b], &sum[self.joints.place(b)]);
                 resist(&mut pushes[b], contact, (m, sum), g);
                 blocks[b].resisting(contact, g);
             }
         }
         let damped = &scratch.damping;
         let mut restrain = |body: usize, screw: Screw, d: f64| {
-            screw.push(&mut pushes[body], -d * rate_of(&screw, body, sum));
+            screw.push(&mut pushes[body], -d * rate_of(self.joints, &screw, body, sum));
             blocks[body].along(&screw, g * d);
         };
         for axis in 0..AXES {
             let (body, screw) = motion.drive(axis);
             restrain(body, screw, damped.drives[axis]);
         }
-        for s in 0..STRUTS {
-            restrain(STRUT + s, Screw::turning(motion.strut_axis[s]), damped.spins[s]);
+        for s in 0..self.joints.rods.len() {
+            restrain(strut(s), Screw::turning(motion.strut_axis[s]), damped.spins[s]);
         }
         let (own, moved) = (&y[layout.own()], &sum[layout.own()]);
         for (arm, inertia, torque) in forces.gear_terms(&drives, &scratch.motors, own, moved, g) {
@@ -419,8 +434,9 @@ impl Absolute<'_> {
             blocks[body].along(&screw, inertia);
         }
         for (s, stretch) in stretches.into_iter().flatten().enumerate() {
-            let spring = &self.joints.springs.unwrap_or_default()[s];
-            let (moved, changed) = (sum[STRETCH + s], sum[STRETCH_RATE + s]);
+            let Some(spring) = self.joints.springs.as_ref().map(|all| &all[s]) else { continue };
+            let moved = sum[self.joints.elongations().start + s];
+            let changed = sum[self.joints.rates().start + s];
             stretch.force -= spring.damping * changed + spring.stiffness * (moved + g * (stretch.rate + changed));
             stretch.added = g * spring.damping + g * g * spring.stiffness;
         }
@@ -429,7 +445,7 @@ impl Absolute<'_> {
 
     /// Accelerations and forces at a state.
     pub fn evaluate(&mut self, t: f64, y: &[f64]) -> Result<(Motion, Solution), SingularPose> {
-        let mut motion = motion(&self.context.plant, y);
+        let mut motion = self.joints.motion(&self.context.plant, y);
         let solution = self.solve(t, y, &motion, None)?;
         for (body, (linear, angular)) in motion.bodies.iter_mut().zip(solution.bodies) {
             (body.acceleration, body.angular_acceleration) = (linear, angular);
@@ -469,6 +485,11 @@ impl Absolute<'_> {
             scratch.resisted = known.is_some();
             if let Some(known) = known {
                 scratch.resistances.copy_from_slice(known);
+                if !self.context.plant.mechanism.has_end_effector() {
+                    let lever = motion.bodies[END_EFFECTOR].position - motion.bodies[PLATFORM].position;
+                    let own = std::mem::replace(&mut scratch.resistances[END_EFFECTOR], Resistance::NONE);
+                    scratch.resistances[PLATFORM].add(&own.seen_from(&lever));
+                }
             }
         }
     }
@@ -477,7 +498,7 @@ impl Absolute<'_> {
 impl System for Absolute<'_> {
     fn stage(&mut self, stage: &Stage, k: &mut [f64]) -> Result<(), SingularPose> {
         let Stage { t, y, sum, g, first } = *stage;
-        let mut motion = motion(&self.context.plant, y);
+        let mut motion = self.joints.motion(&self.context.plant, y);
         self.touch(&motion, first);
         if first && g > 0.0 {
             self.context.measure_damping(t, y, &mut motion);
@@ -489,24 +510,26 @@ impl System for Absolute<'_> {
         let rate = |now: Vector3<f64>, at: usize, slope: Vector3<f64>| {
             if ahead { now + vector(&sum[at..]) + slope * g } else { now }
         };
-        for b in 0..BODIES {
+        for &b in self.joints.solver.bodies() {
             let (m, (linear, angular)) = (&motion.bodies[b], solution.bodies[b]);
-            let velocity = rate(m.velocity, BODY * b + VELOCITY, linear);
-            let omega = rate(m.angular_velocity, BODY * b + OMEGA, angular);
-            let turning = turn_rate(&vector(&y[BODY * b + TURN..]), &omega);
-            let at = &mut k[BODY * b..BODY * (b + 1)];
+            let place = self.joints.place(b);
+            let velocity = rate(m.velocity, place.start + VELOCITY, linear);
+            let omega = rate(m.angular_velocity, place.start + OMEGA, angular);
+            let turning = turn_rate(&vector(&y[place.start + TURN..]), &omega);
+            let at = &mut k[place];
             at[..3].copy_from_slice(velocity.as_slice());
             at[3..TURN].fill(0.0);
             at[TURN..VELOCITY].copy_from_slice(turning.as_slice());
             at[VELOCITY..OMEGA].copy_from_slice(linear.as_slice());
             at[OMEGA..].copy_from_slice(angular.as_slice());
         }
-        k[ANGLES..STRETCH].copy_from_slice(&motion.qd);
-        for s in 0..STRUTS {
+        k[self.joints.angles()].copy_from_slice(&motion.qd);
+        let (elongations, rates) = (self.joints.elongations().start, self.joints.rates());
+        for (s, at) in rates.enumerate() {
             let slope = solution.stretches[s];
-            let ahead = if ahead { sum[STRETCH_RATE + s] + g * slope } else { 0.0 };
-            k[STRETCH + s] = y[STRETCH_RATE + s] + ahead;
-            k[STRETCH_RATE + s] = slope;
+            let ahead = if ahead { sum[at] + g * slope } else { 0.0 };
+            k[elongations + s] = y[at] + ahead;
+            k[at] = slope;
         }
         for axis in 0..AXES {
             let (body, screw) = motion.drive(axis);

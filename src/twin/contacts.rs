@@ -13,7 +13,7 @@
 //! and their [`Resistance`] implicitly. The step is then bounded by its estimated error, not by the stiffness of the
 //! contacts: a part that lies still is followed with few steps.
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Matrix6, Vector3};
 
 use super::wrench::Twist;
 use crate::cell::{CellError, Object};
@@ -148,6 +148,26 @@ pub struct Resistance {
 impl Resistance {
     /// No contact.
     pub const NONE: Self = Self { stiffness: [[0.0; 6]; 6], damping: [[0.0; 6]; 6] };
+
+    /// The resistance about another point of the same body, `lever` (m, inertial axes) from there to the present one:
+    /// Tᵀ K T with T = [1, −lever×; 0, 1].
+    #[must_use]
+    pub fn seen_from(&self, lever: &Vector3<f64>) -> Self {
+        let mut shift = Matrix6::identity();
+        shift.fixed_view_mut::<3, 3>(0, 3).copy_from(&-lever.cross_matrix());
+        let moved = |block: &Block| {
+            let about = shift.transpose() * Matrix6::from_fn(|i, k| block[i][k]) * shift;
+            std::array::from_fn(|i| std::array::from_fn(|k| about[(i, k)]))
+        };
+        Self { stiffness: moved(&self.stiffness), damping: moved(&self.damping) }
+    }
+
+    /// Adds the resistance of other contacts of the same body about the same point.
+    pub fn add(&mut self, other: &Self) {
+        for (own, others) in [(&mut self.stiffness, &other.stiffness), (&mut self.damping, &other.damping)] {
+            own.iter_mut().flatten().zip(others.iter().flatten()).for_each(|(x, y)| *x += y);
+        }
+    }
 }
 
 /// Two bodies in contact.

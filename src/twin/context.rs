@@ -13,8 +13,8 @@ use super::torque::Torque;
 use super::wrench::{Load, STILL, Twist};
 use crate::dynamics::Plant;
 use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
-use crate::machine::bodies::{END_EFFECTOR, PLATFORM, SLOTS, STRUT};
-use crate::machine::{ARMS, AXES, MAX_STRUTS, STRUTS};
+use crate::machine::bodies::{END_EFFECTOR, PLATFORM, SLOTS, strut};
+use crate::machine::{ARMS, AXES, MAX_STRUTS};
 use crate::numerics::{Anderson, worst};
 
 /// Change of the solution below which the iteration over laws that depend on it stops, N, rad/s² or m/s².
@@ -187,11 +187,11 @@ impl Context {
         scratch.restraint_power += self.plant.add_loads(t, motion, wrenches);
         scratch.hits = stops::hits(&self.plant, motion);
         scratch.stop_power = stops::add(&self.plant, motion, &scratch.hits, wrenches);
-        for s in 0..STRUTS {
+        for s in 0..motion.struts() {
             let u = motion.strut_axis[s];
-            let spin = motion.bodies[STRUT + s].angular_velocity.dot(&u);
+            let spin = motion.bodies[strut(s)].angular_velocity.dot(&u);
             let damping = spin_restraint(&self.plant, self.closed, s);
-            wrenches[STRUT + s].1 -= u * (damping * spin);
+            wrenches[strut(s)].1 -= u * (damping * spin);
             scratch.restraint_power -= damping * spin * spin;
         }
         carry(&self.plant, motion, wrenches);
@@ -306,9 +306,9 @@ impl Context {
     }
 }
 
-/// Without a telescope the end effector is part of the platform, and so are the loads on it.
+/// Where the end effector is part of the platform, so are the loads on it.
 fn carry(plant: &Plant, motion: &Motion, wrenches: &mut [Twist; SLOTS]) {
-    if !plant.mechanism.has_telescope() {
+    if !plant.mechanism.has_end_effector() {
         let lever = motion.bodies[END_EFFECTOR].position - motion.bodies[PLATFORM].position;
         let (force, moment) = std::mem::replace(&mut wrenches[END_EFFECTOR], STILL);
         wrenches[PLATFORM].0 += force;

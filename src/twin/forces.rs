@@ -6,8 +6,8 @@ use super::wrench::{STILL, Twist};
 use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, GearSpring, Instant, Kind, Part, Wrenches};
 use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, Screw, SocketSet};
-use crate::machine::bodies::{SLOTS, STRUT};
-use crate::machine::{ARMS, AXES, STRUTS};
+use crate::machine::bodies::{SLOTS, strut};
+use crate::machine::{ARMS, AXES, MAX_STRUTS};
 use crate::numerics::tanh;
 
 /// Arguments of a force law besides plant, motion and reactions.
@@ -245,7 +245,7 @@ impl Forces {
     pub fn add_brakes(&self, motion: &Motion, wrenches: &mut [Twist; SLOTS]) -> f64 {
         let mut power = 0.0;
         if self.brake > 0.0 {
-            for axis in 0..AXES {
+            for axis in motion.drives() {
                 let (body, screw) = motion.drive(axis);
                 let torque = -self.brake * tanh(BRAKE_STEEPNESS * motion.qd[axis]);
                 screw.push(&mut wrenches[body], torque);
@@ -333,14 +333,15 @@ pub(super) struct Damping {
     /// Rotors of elastic gears.
     pub motors: [f64; ARMS],
     /// Struts about their own axes, including the restraint.
-    pub spins: [f64; STRUTS],
+    pub spins: [f64; MAX_STRUTS],
     /// Remaining steps for which the damping of the spins is kept.
     keep: usize,
 }
 
 /// Damping of the spin of strut `s`, N·m·s/rad; zero once both its sockets are open.
 pub(super) fn spin_restraint(plant: &Plant, closed: SocketSet, s: usize) -> f64 {
-    if closed.contains(s) || closed.contains(STRUTS + s) { plant.spin_damping } else { 0.0 }
+    let held = closed.contains(s) || closed.contains(plant.mechanism.struts() + s);
+    if held { plant.spin_damping } else { 0.0 }
 }
 
 /// Increment of a rate for the measurement of damping, rad/s.
@@ -364,13 +365,13 @@ impl Forces {
         effects: &[usize],
     ) -> [[Twist; SLOTS]; 2] {
         let (qd, bodies) =
-            (motion.qd, std::array::from_fn::<_, STRUTS, _>(|s| motion.bodies[STRUT + s].angular_velocity));
+            (motion.qd, std::array::from_fn::<_, MAX_STRUTS, _>(|s| motion.bodies[strut(s)].angular_velocity));
         [0.0, RATE].map(|rate| {
             match freedom {
                 Freedom::Drives => motion.qd.iter_mut().for_each(|x| *x += rate),
                 Freedom::Spins => {
-                    for s in 0..STRUTS {
-                        motion.bodies[STRUT + s].angular_velocity += motion.strut_axis[s] * rate;
+                    for s in 0..motion.struts() {
+                        motion.bodies[strut(s)].angular_velocity += motion.strut_axis[s] * rate;
                     }
                 }
             }
@@ -385,7 +386,7 @@ impl Forces {
             }
             motion.qd = qd;
             for (s, omega) in bodies.iter().enumerate() {
-                motion.bodies[STRUT + s].angular_velocity = *omega;
+                motion.bodies[strut(s)].angular_velocity = *omega;
             }
             out
         })
@@ -397,12 +398,12 @@ impl Forces {
         motion.strut_axis.fill(Vector3::z());
         motion.telescope.length = 1.0;
         motion.qd = [0.01; AXES];
-        for s in 0..STRUTS {
-            motion.bodies[STRUT + s].angular_velocity = Vector3::new(0.3, 0.2, 0.1);
+        for s in 0..motion.struts() {
+            motion.bodies[strut(s)].angular_velocity = Vector3::new(0.3, 0.2, 0.1);
         }
         let own: Vec<f64> = plant.effects.iter().flat_map(|a| a.initial_state()).collect();
-        let reactions = Reactions::of(&[100.0; STRUTS], &[100.0; STRUTS]);
-        let scene = Scene { t: 0.0, own: &own, torque: [1.0; AXES], closed: SocketSet::ALL };
+        let reactions = Reactions::of(&[100.0; MAX_STRUTS], &[100.0; MAX_STRUTS]);
+        let scene = Scene { t: 0.0, own: &own, torque: [1.0; AXES], closed: plant.sockets() };
         [Freedom::Drives, Freedom::Spins].map(|freedom| {
             (0..plant.effects.len())
                 .filter(|&k| {
@@ -442,8 +443,9 @@ impl Forces {
             }
         }
         if self.brake > 0.0 {
-            for (drive, rate) in damping.drives.iter_mut().zip(motion.qd) {
-                *drive += self.brake * BRAKE_STEEPNESS / (BRAKE_STEEPNESS * rate).cosh().powi(2);
+            for axis in motion.drives() {
+                let rate = BRAKE_STEEPNESS * motion.qd[axis];
+                damping.drives[axis] += self.brake * BRAKE_STEEPNESS / rate.cosh().powi(2);
             }
         }
         if damping.keep > 0 {
@@ -455,8 +457,8 @@ impl Forces {
             let spins = &self.damps[Freedom::Spins as usize];
             let probe = self.probe((plant, scene, reactions), motion, Freedom::Spins, spins);
             let mut worst = 0f64;
-            for s in 0..STRUTS {
-                let slope = slope(&probe, STRUT + s, &Screw::turning(motion.strut_axis[s]));
+            for s in 0..motion.struts() {
+                let slope = slope(&probe, strut(s), &Screw::turning(motion.strut_axis[s]));
                 damping.spins[s] += slope;
                 worst = worst.max(slope);
             }

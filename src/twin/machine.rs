@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::absolute::{self, Absolute, Joints};
+use super::absolute::{Absolute, Joints};
 use super::assembled::{self, Assembled, FrameCache};
 use super::axes::{self, Axes};
 use super::closed::Mechanism;
@@ -12,7 +12,7 @@ use super::context::{Answer, Context, Scratch};
 use super::forces::{Damping, Forces};
 use super::integrator::{RK4, ROS34PW2, Stepper, Tableau};
 use super::layout::Layout;
-use super::maximal::{MaximalCoordinates, momentum};
+use super::maximal::{MAX_ROWS, MaximalCoordinates, momentum};
 use super::reactions::JointReactions;
 use super::stops::{Hit, STOPS};
 use super::torque::Torque;
@@ -41,7 +41,7 @@ pub struct Snapshot {
     /// Applied wrenches on all bodies, including the drive torques.
     wrenches: [Twist; SLOTS],
     /// Multiplier λ of every row; `None` in the eliminated formulation.
-    multipliers: Option<[f64; ROWS]>,
+    multipliers: Option<[f64; MAX_ROWS]>,
 }
 
 impl Snapshot {
@@ -100,7 +100,10 @@ impl Twin {
     /// [`SingularPose`] if the loops cannot be closed there.
     pub fn formulated(plant: Plant, motion: &Motion, formulation: Formulation) -> Result<Self, SingularPose> {
         let mut twin = Self::eliminated(plant, motion)?;
-        if formulation == Formulation::Absolute {
+        // Of plates with other limbs the eliminated form has rigid struts.
+        let plant = twin.plant();
+        let elastic = !plant.is_closed_delta() && plant.effects.iter().any(|a| a.strut_spring().is_some());
+        if formulation == Formulation::Absolute || elastic {
             twin.go_absolute()?;
         }
         Ok(twin)
@@ -269,7 +272,7 @@ impl Twin {
     pub fn motion(&self) -> Motion {
         match &self.form {
             Form::Assembled(mechanism, _) => assembled::motion(mechanism, &self.y),
-            Form::Absolute(_) => absolute::motion(&self.context.plant, &self.y),
+            Form::Absolute(joints) => joints.motion(&self.context.plant, &self.y),
             Form::Axes => self.context.in_drives(&self.y),
         }
     }
@@ -279,9 +282,7 @@ impl Twin {
     /// # Errors
     /// [`SingularPose`] if the present pose is singular.
     pub fn open(&mut self, socket: usize) -> Result<(), SingularPose> {
-        if matches!(self.form, Form::Assembled(..)) {
-            self.go_absolute()?;
-        }
+        self.go_absolute()?;
         self.invalidate();
         self.context.closed = self.context.closed.without(socket);
         Ok(())
@@ -296,11 +297,11 @@ impl Twin {
             Form::Axes => context.in_drives(&self.y),
             Form::Absolute(_) => return Ok(()),
         };
-        let layout = Layout::new(absolute::LENGTH, context.forces.states(), context.plant.effects.len());
-        let mut y = vec![0.0; layout.len()];
-        absolute::store(&mut y, &context.plant, &motion);
-        y[layout.own().start..].copy_from_slice(&self.y[context.layout.own().start..]);
         let mut joints = Joints::new(&context.plant);
+        let layout = Layout::new(joints.length(), context.forces.states(), context.plant.effects.len());
+        let mut y = vec![0.0; layout.len()];
+        joints.store(&mut y, &context.plant, &motion);
+        y[layout.own().start..].copy_from_slice(&self.y[context.layout.own().start..]);
         joints.close(&context.plant, &mut y, context.closed)?;
         context.layout = layout;
         context.scratch.damping = Damping::default();
@@ -312,7 +313,7 @@ impl Twin {
         Ok(())
     }
 
-    /// Multipliers λ of all rows at the instant of `snapshot`, which must be the last evaluation: N or N·m, in the
+    /// Multipliers λ of all rows of a robot with three limbs at the instant of `snapshot`, which must be the last evaluation: N or N·m, in the
     /// order of [`constraints::rows`](super::constraints::rows), zero for open sockets. In the eliminated formulation
     /// they are computed here.
     ///
@@ -320,10 +321,11 @@ impl Twin {
     /// [`SingularPose`] if the pose is singular.
     pub fn multipliers(&self, snapshot: &Snapshot) -> Result<[f64; ROWS], SingularPose> {
         let plant = &self.context.plant;
-        match snapshot.multipliers {
-            Some(known) => Ok(known),
-            None => Joints::new(plant).multipliers(plant, &snapshot.motion, self.context.closed, &snapshot.wrenches),
-        }
+        let all = match snapshot.multipliers {
+            Some(known) => known,
+            None => Joints::new(plant).multipliers(plant, &snapshot.motion, self.context.closed, &snapshot.wrenches)?,
+        };
+        Ok(std::array::from_fn(|row| all[row]))
     }
 
     /// Whether all sockets are closed.
@@ -354,12 +356,12 @@ impl Twin {
         let velocity = twist.0 + twist.1.cross(&lever);
         let brought = BodyMotion { velocity, angular_velocity: twist.1, ..motion.bodies[carrier] };
         impulses[carrier] = momentum(&inertia, &brought);
-        let mut solver = MaximalCoordinates::new();
-        let after =
-            solver.impulse(&joined, &self.context.plant.bodies, &motion.bodies, self.context.closed, &impulses)?;
+        let mut solver = MaximalCoordinates::new(&joined);
+        let before = &self.context.plant.bodies;
+        let after = solver.impulse(&joined, before, &motion.bodies, self.context.closed, &impulses)?.clone();
         let mut moved = motion;
-        for (body, (v, omega)) in moved.bodies.iter_mut().zip(&after.bodies) {
-            (body.velocity, body.angular_velocity) = (*v, *omega);
+        for &b in solver.bodies() {
+            (moved.bodies[b].velocity, moved.bodies[b].angular_velocity) = after.bodies[b];
         }
         for axis in 0..AXES {
             let (body, screw) = moved.drive(axis);
@@ -391,8 +393,8 @@ impl Twin {
         let rates = match &self.form {
             Form::Assembled(..) => assembled::RATES,
             Form::Axes => axes::RATES,
-            Form::Absolute(_) => {
-                absolute::stop(&mut self.y);
+            Form::Absolute(joints) => {
+                joints.stop(&mut self.y);
                 0..0
             }
         };
@@ -415,12 +417,15 @@ impl Twin {
             Form::Absolute(joints) => {
                 **joints = Joints::new(&self.context.plant);
                 if let Some(motion) = moved {
-                    absolute::store_velocities(&mut self.y, &self.context.plant, motion, self.context.closed);
+                    joints.store_velocities(&mut self.y, motion, self.context.closed);
                     joints.close(&self.context.plant, &mut self.y, self.context.closed)?;
                 }
             }
-            // Loads on the platform do not influence the axes.
-            Form::Axes => {}
+            Form::Axes => {
+                if let Some(motion) = moved {
+                    axes::store_rates(&mut self.y, motion);
+                }
+            }
         }
         Ok(())
     }
@@ -467,7 +472,7 @@ impl Twin {
     pub fn encoders(&self) -> [f64; AXES] {
         let q = match &self.form {
             Form::Assembled(..) | Form::Axes => [self.y[0], self.y[1], self.y[2], self.y[3]],
-            Form::Absolute(_) => absolute::angles(&self.y),
+            Form::Absolute(joints) => joints.coordinates(&self.y),
         };
         self.context.forces.encoders(&self.context.plant, &self.y[self.context.layout.own()], &q)
     }

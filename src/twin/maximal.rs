@@ -1,8 +1,9 @@
 //! The mechanism in absolute coordinates with any set of open ball sockets: M·a + Gᵀ·λ = W, G·a = γ.
 //!
-//! Fourteen bodies with 84 velocities (of each frame origin, and angular, inertial axes) and 74 rows, three fewer per
-//! open socket. Used after a dislocation, and to verify the closed-form elimination in `closed`, with which it shares
-//! the inertia parameters only.
+//! All bodies with six velocities each (of the frame origin, and angular, inertial axes) and the rows of their joints, as
+//! [`Structure`] lists them for any limbs and any plate: of the robot with a telescope fourteen bodies and 74 rows, three
+//! fewer per open socket. Used after a dislocation, and to verify the closed-form elimination in `closed`, with which it
+//! shares the inertia parameters only.
 //!
 //! M is block diagonal, so that S = G·M⁻¹·Gᵀ couples only joints of the same body; it is factored along the branches of
 //! the mechanism. The end effector may have no inertia of its own (M singular). Inertia is therefore shifted to it from
@@ -17,11 +18,11 @@
 //! inertia is not physically consistent.
 
 mod added;
-mod bearings;
 mod factor;
 mod flexible;
 mod rows;
 mod schur;
+mod structure;
 #[cfg(test)]
 mod testing;
 #[cfg(test)]
@@ -30,20 +31,20 @@ mod tests;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 pub use self::added::Added;
-pub(super) use self::bearings::Bearings;
 use self::factor::{Root, Six, add, dot};
 use self::flexible::Eliminated;
-pub(super) use self::flexible::{Stretch, Stretches};
-use self::rows::*;
+pub(super) use self::flexible::Stretch;
+use self::rows::Rows;
 use self::schur::Schur;
+pub use self::structure::MAX_ROWS;
+use self::structure::Structure;
 use super::SingularPose;
-use super::constraints::ROWS;
 use super::state::{BodyState, rotation};
 use crate::dynamics::Plant;
 use crate::kinematics::motion::MAX_SOCKETS;
 use crate::kinematics::{BodyMotion, Reactions, SocketSet};
-use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, SLOTS, STRUT, TELESCOPE_LOWER};
-use crate::machine::{Bodies, Inertia, STRUTS};
+use crate::machine::bodies::{BodyKind, END_EFFECTOR, SLOTS, body_kind, strut};
+use crate::machine::{Bodies, Inertia, MAX_STRUTS};
 use crate::numerics::worst;
 
 /// Two vectors (inertial axes) at a body's origin: velocity and angular velocity, their derivatives, or force and
@@ -55,17 +56,17 @@ pub type Pair = (Vector3<f64>, Vector3<f64>);
 pub struct Solution {
     /// Acceleration of the origin (m/s²) and angular acceleration (rad/s²) of every body, inertial axes.
     pub bodies: [Pair; SLOTS],
-    /// Multiplier λ of every row in the order of [`rows`](super::constraints::rows), N or N·m; zero at open sockets.
-    /// Joint forces are −Gᵀ·λ.
-    pub multipliers: [f64; ROWS],
+    /// Multiplier λ of every row, of a robot with three limbs in the order of [`rows`](super::constraints::rows), N or
+    /// N·m; zero at open sockets. Joint forces are −Gᵀ·λ.
+    pub multipliers: [f64; MAX_ROWS],
     /// ë of elastic struts, m/s², or the corresponding changes in a projection; zero for rigid ones.
-    pub(super) stretches: [f64; STRUTS],
+    pub(super) stretches: [f64; MAX_STRUTS],
 }
 
 impl Solution {
     const NONE: Self = {
         const NOTHING: Pair = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0.));
-        Self { bodies: [NOTHING; SLOTS], multipliers: [0.0; ROWS], stretches: [0.0; STRUTS] }
+        Self { bodies: [NOTHING; SLOTS], multipliers: [0.0; MAX_ROWS], stretches: [0.0; MAX_STRUTS] }
     };
 }
 
@@ -73,47 +74,27 @@ impl Solution {
 pub struct MaximalCoordinates(Box<Workspace>);
 
 struct Workspace {
+    structure: Structure,
     rows: Rows,
-    mass: [[Six; 6]; BODIES],
-    roots: [Root; BODIES],
+    mass: [[Six; 6]; SLOTS],
+    roots: [Root; SLOTS],
     /// L⁻¹·Gᵀ block row by block row.
-    y: [Six; BLOCK_ROWS],
+    y: Vec<Six>,
     /// The same matrix component by component.
-    y_columns: [[f64; BLOCK_ROWS]; 6],
+    y_columns: [Vec<f64>; 6],
     schur: Schur,
     /// Weights r of the inertia shifts.
-    shifts: [f64; SHIFTS.len()],
+    shifts: Vec<f64>,
+    /// Whether S lacks rank while all sockets are closed and the struts are rigid.
+    redundant: bool,
     /// Whether M or S was regularised, which requires refinement until the equations hold.
     regularised: bool,
-    accelerations: [Six; BODIES],
-    struts: [Eliminated; STRUTS],
+    accelerations: [Six; SLOTS],
+    /// Elastic struts; empty if they are rigid.
+    struts: Vec<Eliminated>,
     closed: SocketSet,
     solution: Solution,
 }
-
-/// Donor, and the block rows of one row on donor and end effector.
-struct Shift {
-    donor: usize,
-    from: usize,
-    to: usize,
-}
-
-/// Five shifts along the pivot's rows from the platform, one about the lower Hooke joint's normal from the telescope.
-const SHIFTS: [Shift; 6] = {
-    let (p, e) = (PIVOT_ON_PLATFORM, PIVOT_ON_END_EFFECTOR);
-    [
-        Shift { donor: PLATFORM, from: p, to: e },
-        Shift { donor: PLATFORM, from: p + 1, to: e + 1 },
-        Shift { donor: PLATFORM, from: p + 2, to: e + 2 },
-        Shift { donor: PLATFORM, from: p + 3, to: e + 3 },
-        Shift { donor: PLATFORM, from: p + 4, to: e + 4 },
-        Shift { donor: TELESCOPE_LOWER, from: LOWER_HOOKE_ON_LOWER + 3, to: LOWER_HOOKE_ON_END_EFFECTOR + 3 },
-    ]
-};
-/// Fraction of the donor's inertia shifted along each row: the platform donates along five rows, for which 1/(2·5) each
-/// is safe.
-const PLATFORM_SHARE: f64 = 0.1;
-const TELESCOPE_SHARE: f64 = 0.5;
 
 /// Inertia lent to a body without inertia, relative to the mechanism's mass and, for rotation, with a lever of 0.1 m.
 const LENT: f64 = 1e-6;
@@ -130,38 +111,47 @@ const MAX_REFINEMENTS: usize = 8;
 const CLOSED: f64 = 1e-13;
 const MAX_PROJECTIONS: usize = 12;
 
-impl Default for MaximalCoordinates {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// Terms of the equations besides rigid bodies.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Extra<'a> {
     /// Addition to the blocks of the mass matrix.
-    pub damping: Option<&'a [Added; BODIES]>,
+    pub damping: Option<&'a [Added; SLOTS]>,
     /// Elastic struts; `None` if they are rigid.
-    pub stretches: Option<&'a Stretches>,
+    pub stretches: Option<&'a [Stretch]>,
 }
 
 impl MaximalCoordinates {
-    /// A solver with an empty workspace.
-    pub fn new() -> Self {
+    /// A solver with an empty workspace for the joints of a machine.
+    pub fn new(plant: &Plant) -> Self {
+        let structure = Structure::new(plant);
+        let blocks = structure.row.len();
+        let plate = plant.assembled && !plant.geometry.has_platform_of_three();
         Self(Box::new(Workspace {
-            rows: Rows::new(),
-            mass: [[[0.0; 6]; 6]; BODIES],
-            roots: [Root::ONE; BODIES],
-            y: [[0.0; 6]; BLOCK_ROWS],
-            y_columns: [[0.0; BLOCK_ROWS]; 6],
-            schur: Schur::new(),
-            shifts: [0.0; SHIFTS.len()],
+            rows: Rows::new(&structure),
+            mass: [[[0.0; 6]; 6]; SLOTS],
+            roots: [Root::ONE; SLOTS],
+            y: vec![[0.0; 6]; blocks],
+            y_columns: std::array::from_fn(|_| vec![0.0; blocks]),
+            schur: Schur::new(&structure),
+            shifts: vec![0.0; structure.shifts.len()],
+            redundant: plate && plant.geometry.redundant_struts() > 0,
             regularised: false,
-            accelerations: [[0.0; 6]; BODIES],
-            struts: [Eliminated::RIGID; STRUTS],
+            accelerations: [[0.0; 6]; SLOTS],
+            struts: Vec::new(),
             closed: SocketSet::ALL,
             solution: Solution::NONE,
+            structure,
         }))
+    }
+
+    /// Whether the struts do not determine their forces while all sockets are closed.
+    pub(super) fn is_redundant(&self) -> bool {
+        self.0.redundant
+    }
+
+    /// Bodies with joints.
+    pub(super) fn bodies(&self) -> &[usize] {
+        &self.0.structure.bodies
     }
 
     /// Accelerations and multipliers of M·a + Gᵀ·λ = W, G·a = γ.
@@ -179,7 +169,7 @@ impl MaximalCoordinates {
         bodies: &[BodyMotion; SLOTS],
         closed: SocketSet,
         wrenches: &[Pair; SLOTS],
-        damping: Option<&[Added; BODIES]>,
+        damping: Option<&[Added; SLOTS]>,
     ) -> Result<&Solution, SingularPose> {
         self.solve_with(plant, bodies, closed, wrenches, Extra { damping, stretches: None })
     }
@@ -199,10 +189,10 @@ impl MaximalCoordinates {
             let (force, moment) = velocity_products(&inertia(plant, b, stretches), &bodies[b], &gravity);
             six(&(wrenches[b].0 - force, wrenches[b].1 - moment))
         });
-        let mut demand = [0.0; STRUTS];
+        let mut demand = [0.0; MAX_STRUTS];
         for (s, stretch) in stretches.into_iter().flatten().enumerate() {
-            let b = &bodies[STRUT + s];
-            add(&mut loads[STRUT + s], -1.0, &six(&stretch.coriolis(b)));
+            let b = &bodies[strut(s)];
+            add(&mut loads[strut(s)], -1.0, &six(&stretch.coriolis(b)));
             demand[s] = stretch.demand(b, &gravity);
         }
         let gamma = self.0.rows.gamma;
@@ -231,7 +221,7 @@ impl MaximalCoordinates {
             let (p, l) = momentum(&before[b], &bodies[b]);
             six(&(impulses[b].0 + p, impulses[b].1 + l))
         });
-        self.0.equations(&loads, &[0.0; ROWS], &[0.0; STRUTS])
+        self.0.equations(&loads, &[0.0; MAX_ROWS], &[0.0; MAX_STRUTS])
     }
 
     /// Projects poses and velocities onto the rows of all joints: poses to 1e-13 m (or 1), velocities to rounding; returns the
@@ -245,7 +235,7 @@ impl MaximalCoordinates {
     pub fn project(
         &mut self,
         plant: &Plant,
-        bodies: &mut [BodyState; BODIES],
+        bodies: &mut [BodyState; SLOTS],
         closed: SocketSet,
     ) -> Result<usize, SingularPose> {
         self.project_elastic(plant, bodies, closed, None)
@@ -255,9 +245,9 @@ impl MaximalCoordinates {
     pub(super) fn project_elastic(
         &mut self,
         plant: &Plant,
-        bodies: &mut [BodyState; BODIES],
+        bodies: &mut [BodyState; SLOTS],
         closed: SocketSet,
-        mut stretches: Option<&mut Stretches>,
+        mut stretches: Option<&mut [Stretch]>,
     ) -> Result<usize, SingularPose> {
         let work = &mut *self.0;
         for corrections in 0..MAX_PROJECTIONS {
@@ -266,14 +256,15 @@ impl MaximalCoordinates {
             work.prepare(plant, &motion, closed, None, now)?;
             if work.rows.values.iter().all(|c| c.abs() < CLOSED) {
                 let mut loads = std::array::from_fn(|b| six(&momentum(&inertia(plant, b, now), &motion[b])));
-                let mut demand = [0.0; STRUTS];
+                let mut demand = [0.0; MAX_STRUTS];
                 for (s, stretch) in now.into_iter().flatten().enumerate() {
-                    let b = &motion[STRUT + s];
-                    add(&mut loads[STRUT + s], 1.0, &six(&(stretch.carried(b), Vector3::zeros())));
+                    let b = &motion[strut(s)];
+                    add(&mut loads[strut(s)], 1.0, &six(&(stretch.carried(b), Vector3::zeros())));
                     demand[s] = stretch.momentum(b);
                 }
-                let solution = work.equations(&loads, &[0.0; ROWS], &demand)?;
-                for (b, body) in bodies.iter_mut().enumerate() {
+                let solution = work.equations(&loads, &[0.0; MAX_ROWS], &demand)?.clone();
+                for &b in &work.structure.bodies {
+                    let body = &mut bodies[b];
                     body.velocity = solution.bodies[b].0;
                     body.angular_velocity = motion[b].rotation.tr_mul(&solution.bodies[b].1);
                 }
@@ -283,8 +274,9 @@ impl MaximalCoordinates {
                 return Ok(corrections);
             }
             let back = work.rows.values.map(|c| -c);
-            let solution = work.equations(&[[0.0; 6]; BODIES], &back, &[0.0; STRUTS])?;
-            for (body, (shift, turn)) in bodies.iter_mut().zip(&solution.bodies) {
+            let solution = work.equations(&[[0.0; 6]; SLOTS], &back, &[0.0; MAX_STRUTS])?.clone();
+            for &b in &work.structure.bodies {
+                let (body, (shift, turn)) = (&mut bodies[b], &solution.bodies[b]);
                 body.position += shift;
                 let old = UnitQuaternion::new_normalize(body.orientation);
                 body.orientation = *(UnitQuaternion::from_scaled_axis(*turn) * old);
@@ -303,37 +295,42 @@ impl MaximalCoordinates {
 
     /// Force on the strut at each socket from the last solution, N, inertial axes; zero where open.
     pub fn socket_forces(&self) -> [Vector3<f64>; MAX_SOCKETS] {
-        let lambda = &self.0.solution.multipliers;
+        let Workspace { structure, solution, .. } = &*self.0;
         let mut out = [Vector3::zeros(); MAX_SOCKETS];
-        for (k, force) in out.iter_mut().enumerate().take(2 * STRUTS) {
-            *force = -Vector3::from_fn(|i, _| lambda[socket(k) + i]);
+        for (k, force) in out.iter_mut().enumerate().take(2 * structure.struts) {
+            *force = -Vector3::from_fn(|i, _| solution.multipliers[structure.socket[k] + i]);
         }
         out
     }
 
     /// Axial strut forces from the last solution, tension positive, N; `bodies` as passed to it.
     pub fn axial_forces(&self, bodies: &[BodyMotion; SLOTS]) -> Reactions {
-        let forces = self.socket_forces();
-        let along = |s: usize, k: usize| bodies[STRUT + s].rotation.column(0).dot(&forces[k]);
-        let upper: [f64; STRUTS] = std::array::from_fn(|s| -along(s, s));
-        Reactions::of(&upper, &std::array::from_fn::<_, STRUTS, _>(|s| along(s, STRUTS + s)))
+        let (forces, struts) = (self.socket_forces(), self.0.structure.struts);
+        let along = |s: usize, k: usize| bodies[strut(s)].rotation.column(0).dot(&forces[k]);
+        let mut out = Reactions::ZERO;
+        for s in 0..struts {
+            (out.upper[s], out.lower[s]) = (-along(s, s), along(s, struts + s));
+        }
+        out
     }
 
     /// −Gᵀ·λ of one joint on one body.
     #[cfg(test)]
-    fn wrench(&self, block: usize, n: usize) -> Pair {
+    fn wrench(&self, body: usize, joint: usize) -> Pair {
+        let Workspace { structure, solution, rows, .. } = &*self.0;
         let mut sum = [0.0; 6];
-        for k in block..block + n {
-            add(&mut sum, -self.0.solution.multipliers[ROW[k]], &self.0.rows.blocks[k]);
+        let (first, block) = structure.on(body, joint);
+        for (k, block) in (block..block + first.len()).enumerate() {
+            add(&mut sum, -solution.multipliers[first.start + k], &rows.blocks[block]);
         }
         pair(&sum)
     }
 }
 
 /// Inertia of body `b`; of an elastic strut at its present length.
-fn inertia(plant: &Plant, b: usize, stretches: Option<&Stretches>) -> Inertia {
-    match stretches {
-        Some(all) if (STRUT..PLATFORM).contains(&b) => all[b - STRUT].inertia(),
+fn inertia(plant: &Plant, b: usize, stretches: Option<&[Stretch]>) -> Inertia {
+    match (stretches, body_kind(b)) {
+        (Some(all), BodyKind::Strut(s)) if s < all.len() => all[s].inertia(),
         _ => plant.bodies[b],
     }
 }
@@ -345,32 +342,35 @@ impl Workspace {
         plant: &Plant,
         bodies: &[BodyMotion; SLOTS],
         closed: SocketSet,
-        damping: Option<&[Added; BODIES]>,
-        stretches: Option<&Stretches>,
+        damping: Option<&[Added; SLOTS]>,
+        stretches: Option<&[Stretch]>,
     ) -> Result<(), SingularPose> {
-        let rigid = |s: usize| plant.geometry.strut_length(s);
-        let lengths = std::array::from_fn(|s| stretches.map_or(rigid(s), |all| all[s].length()));
-        self.rows.fill(&plant.geometry, &lengths, bodies, closed);
+        let Self { structure, rows, .. } = self;
+        let mut lengths = [0.0; MAX_STRUTS];
+        for (s, length) in lengths.iter_mut().enumerate().take(structure.struts) {
+            *length = stretches.map_or_else(|| plant.geometry.strut_length(s), |all| all[s].length());
+        }
+        rows.fill(structure, &plant.geometry, &lengths, bodies, closed);
         self.regularised = false;
         self.closed = closed;
         let total: f64 = plant.bodies.0.iter().map(|i| i.mass).sum();
-        for b in 0..BODIES {
+        for &b in &self.structure.bodies {
             self.mass[b] = spatial(&inertia(plant, b, stretches), &bodies[b].rotation, damping.map(|d| &d[b]));
         }
-        self.struts = stretches.map_or([Eliminated::RIGID; STRUTS], |all| {
-            flexible::eliminate(all, bodies, closed, &mut self.mass, &mut self.rows)
-        });
-        for b in 0..BODIES {
-            if b != END_EFFECTOR {
+        self.struts.clear();
+        if let Some(all) = stretches {
+            let Self { structure, mass, rows, struts, .. } = self;
+            flexible::eliminate(all, (structure, bodies, closed), mass, rows, struts);
+        }
+        for k in 0..self.structure.bodies.len() {
+            let b = self.structure.bodies[k];
+            if b != END_EFFECTOR || self.shifts.is_empty() {
                 self.root(b, total)?;
             }
         }
-        self.shift();
-        for b in [PLATFORM, END_EFFECTOR, TELESCOPE_LOWER] {
-            self.root(b, total)?;
-        }
-        for b in 0..BODIES {
-            for k in BODY[b]..BODY[b + 1] {
+        self.shift(total)?;
+        for &b in &self.structure.bodies {
+            for k in self.structure.blocks[b].clone() {
                 let y = self.roots[b].lower(&self.rows.blocks[k]);
                 self.y[k] = y;
                 for (column, y) in self.y_columns.iter_mut().zip(y) {
@@ -378,9 +378,11 @@ impl Workspace {
                 }
             }
         }
-        if !self.schur.factor(&self.y_columns, closed, &self.struts, 0.0) {
+        let mut factor = |tikhonov: f64| self.schur.factor(&self.y_columns, closed, &self.struts, tikhonov);
+        let regular = !(self.redundant && stretches.is_none() && closed == plant.sockets());
+        if !(regular && factor(0.0)) {
             self.regularised = true;
-            if !self.schur.factor(&self.y_columns, closed, &self.struts, TIKHONOV) {
+            if !factor(TIKHONOV) {
                 return Err(SingularPose);
             }
         }
@@ -403,35 +405,38 @@ impl Workspace {
     }
 
     /// Shifts inertia from platform and telescope to the end effector.
-    fn shift(&mut self) {
-        for (k, s) in SHIFTS.iter().enumerate() {
+    fn shift(&mut self, total: f64) -> Result<(), SingularPose> {
+        for (k, s) in self.structure.shifts.iter().enumerate() {
             let from = self.rows.blocks[s.from];
             let y = self.roots[s.donor].lower(&from);
-            let share = if s.donor == PLATFORM { PLATFORM_SHARE } else { TELESCOPE_SHARE };
-            self.shifts[k] = share / dot(&y, &y);
+            self.shifts[k] = s.share / dot(&y, &y);
             let to = self.rows.blocks[s.to];
             for j in 0..6 {
                 add(&mut self.mass[s.donor][j], -self.shifts[k] * from[j], &from);
                 add(&mut self.mass[END_EFFECTOR][j], self.shifts[k] * to[j], &to);
             }
         }
+        for k in 0..self.structure.shifted.len() {
+            self.root(self.structure.shifted[k], total)?;
+        }
+        Ok(())
     }
 
     /// Solves the factored equations for given W, γ and forces on the elongations.
     fn equations(
         &mut self,
-        loads: &[Six; BODIES],
-        gamma: &[f64; ROWS],
-        demand: &[f64; STRUTS],
+        loads: &[Six; SLOTS],
+        gamma: &[f64; MAX_ROWS],
+        demand: &[f64; MAX_STRUTS],
     ) -> Result<&Solution, SingularPose> {
         let (mut w, mut gamma) = (*loads, *gamma);
-        flexible::load(&self.struts, demand, self.closed, &mut w, &mut gamma);
+        flexible::load(&self.struts, demand, (&self.structure, self.closed), &mut w, &mut gamma);
         let gamma = &gamma;
-        for (s, r) in SHIFTS.iter().zip(&self.shifts) {
-            add(&mut w[s.donor], -r * gamma[ROW[s.from]], &self.rows.blocks[s.from]);
+        for (s, r) in self.structure.shifts.iter().zip(&self.shifts) {
+            add(&mut w[s.donor], -r * gamma[self.structure.row[s.from]], &self.rows.blocks[s.from]);
         }
-        self.accelerations = [[0.0; 6]; BODIES];
-        self.solution.multipliers = [0.0; ROWS];
+        self.accelerations = [[0.0; 6]; SLOTS];
+        self.solution.multipliers = [0.0; MAX_ROWS];
         self.correct(&w, gamma);
         let (mut loads_left, mut rows_left) = self.residuals(&w, gamma);
         for _ in 0..MAX_REFINEMENTS {
@@ -450,12 +455,11 @@ impl Workspace {
         if !holds {
             return Err(SingularPose);
         }
-        for (s, r) in SHIFTS.iter().zip(&self.shifts) {
+        for (s, r) in self.structure.shifts.iter().zip(&self.shifts) {
             let along = dot(&self.rows.blocks[s.to], &self.accelerations[END_EFFECTOR]);
-            self.solution.multipliers[ROW[s.to]] += r * along;
+            self.solution.multipliers[self.structure.row[s.to]] += r * along;
         }
-        self.solution.stretches =
-            flexible::rates(&self.struts, demand, &self.accelerations, &self.solution.multipliers);
+        flexible::rates(&self.struts, demand, &self.structure, &self.accelerations, &mut self.solution);
         for (out, a) in self.solution.bodies.iter_mut().zip(&self.accelerations) {
             *out = pair(a);
         }
@@ -463,21 +467,22 @@ impl Workspace {
     }
 
     /// Adds the solution of the factored equations to accelerations and multipliers.
-    fn correct(&mut self, w: &[Six; BODIES], gamma: &[f64; ROWS]) {
+    fn correct(&mut self, w: &[Six; SLOTS], gamma: &[f64; MAX_ROWS]) {
+        let Self { structure, roots, y, .. } = self;
         let mut lambda = gamma.map(|x| -x);
-        let mut z = [[0.0; 6]; BODIES];
-        for b in 0..BODIES {
-            z[b] = self.roots[b].lower(&w[b]);
-            for k in BODY[b]..BODY[b + 1] {
-                lambda[ROW[k]] += dot(&self.y[k], &z[b]);
+        let mut z = [[0.0; 6]; SLOTS];
+        for &b in &structure.bodies {
+            z[b] = roots[b].lower(&w[b]);
+            for k in structure.blocks[b].clone() {
+                lambda[structure.row[k]] += dot(&y[k], &z[b]);
             }
         }
         self.schur.solve(&mut lambda);
-        for b in 0..BODIES {
-            for k in BODY[b]..BODY[b + 1] {
-                add(&mut z[b], -lambda[ROW[k]], &self.y[k]);
+        for &b in &structure.bodies {
+            for k in structure.blocks[b].clone() {
+                add(&mut z[b], -lambda[structure.row[k]], &y[k]);
             }
-            add(&mut self.accelerations[b], 1.0, &self.roots[b].upper(&z[b]));
+            add(&mut self.accelerations[b], 1.0, &roots[b].upper(&z[b]));
         }
         for (sum, x) in self.solution.multipliers.iter_mut().zip(&lambda) {
             *sum += x;
@@ -485,26 +490,28 @@ impl Workspace {
     }
 
     /// W − M·a − Gᵀ·λ and γ − G·a, each with its magnitude relative to the largest terms of its kind.
-    fn residuals(&self, w: &[Six; BODIES], gamma: &[f64; ROWS]) -> (([Six; BODIES], f64), ([f64; ROWS], f64)) {
+    fn residuals(&self, w: &[Six; SLOTS], gamma: &[f64; MAX_ROWS]) -> (([Six; SLOTS], f64), ([f64; MAX_ROWS], f64)) {
+        let structure = &self.structure;
         let (mut loads, mut rows) = (*w, *gamma);
         // Forces, moments, rows.
         let (mut terms, mut sizes) = ([f64::MIN_POSITIVE; 3], [0f64; 3]);
-        for b in 0..BODIES {
+        for &b in &structure.bodies {
             let a = &self.accelerations[b];
             for k in 0..6 {
                 let x = dot(&self.mass[b][k], a);
                 loads[b][k] -= x;
                 terms[k / 3] = terms[k / 3].max(x.abs()).max(w[b][k].abs());
             }
-            for k in BODY[b]..BODY[b + 1] {
-                let x = dot(&self.rows.blocks[k], a);
-                rows[ROW[k]] -= x;
+            for k in structure.blocks[b].clone() {
+                let (row, block) = (structure.row[k], &self.rows.blocks[k]);
+                let x = dot(block, a);
+                rows[row] -= x;
                 terms[2] = terms[2].max(x.abs());
-                add(&mut loads[b], -self.solution.multipliers[ROW[k]], &self.rows.blocks[k]);
+                add(&mut loads[b], -self.solution.multipliers[row], block);
             }
         }
-        flexible::give(&self.struts, &self.solution.multipliers, &mut rows);
-        for load in &loads {
+        flexible::give(&self.struts, &self.solution.multipliers, structure, &mut rows);
+        for load in structure.bodies.iter().map(|&b| &loads[b]) {
             for k in 0..6 {
                 sizes[k / 3] = worst(sizes[k / 3], load[k]);
             }
@@ -568,7 +575,7 @@ pub(super) fn momentum(inertia: &Inertia, b: &BodyMotion) -> Pair {
     (b.velocity * inertia.mass + b.angular_velocity.cross(&h), h.cross(&b.velocity) + spin)
 }
 
-fn motions(bodies: &[BodyState; BODIES]) -> [BodyMotion; SLOTS] {
+fn motions(bodies: &[BodyState; SLOTS]) -> [BodyMotion; SLOTS] {
     let mut out = [BodyMotion::REST; SLOTS];
     for (out, b) in out.iter_mut().zip(bodies) {
         let rotation = rotation(&b.orientation);

@@ -2,8 +2,8 @@
 
 use crate::dynamics::Plant;
 use crate::kinematics::Motion;
-use crate::machine::bodies::{PLATFORM, STRUT};
-use crate::machine::{Inertia, STRUTS};
+use crate::machine::Inertia;
+use crate::machine::bodies::strut;
 
 /// Masses of a rod whose velocity is linear from the upper ball a to the lower ball b:
 /// T = ½·m_aa·v_a² + m_ab·v_a·v_b + ½·m_bb·v_b², the integrals of (1 − ξ)², ξ·(1 − ξ) and ξ² over its mass.
@@ -37,11 +37,6 @@ impl Rod {
         }
     }
 
-    /// Rods of all six struts of a machine.
-    pub fn all(plant: &Plant) -> [Self; STRUTS] {
-        std::array::from_fn(|s| Self::new(&plant.bodies[STRUT + s], plant.geometry.strut_length(s)))
-    }
-
     /// Inertia about the upper ball at another length (m), in the strut's frame.
     pub fn stretched(&self, length: f64) -> Inertia {
         let lateral = self.bb * length * length;
@@ -55,26 +50,23 @@ impl Rod {
 
 /// Energy of stretched rods in excess of rigid ones with the same motion of the bodies, J; `rates` are the rates of
 /// their lengths, m/s.
-pub(super) fn stretch_energy(rods: &[Rod; STRUTS], plant: &Plant, motion: &Motion, rates: &[f64; STRUTS]) -> f64 {
-    let of_rod = |s: usize| {
-        let (rod, u, length) = (&rods[s], motion.strut_axis[s], motion.strut_length[s]);
-        let upper = &motion.bodies[STRUT + s];
+pub(super) fn stretch_energy(rods: &[Rod], plant: &Plant, motion: &Motion, rates: &[f64]) -> f64 {
+    let of_rod = |(s, (rod, rate)): (usize, (&Rod, &f64))| {
+        let (u, length) = (motion.strut_axis[s], motion.strut_length[s]);
+        let upper = &motion.bodies[strut(s)];
         // Velocity of ball b relative to ball a.
         let swing = upper.angular_velocity.cross(&u);
-        let (stretch, rigid) = (swing * length + u * rates[s], swing * rod.length);
+        let (stretch, rigid) = (swing * length + u * *rate, swing * rod.length);
         let kinetic = upper.velocity.dot(&(stretch - rigid)) * (rod.ab + rod.bb)
             + 0.5 * rod.bb * (stretch.norm_squared() - rigid.norm_squared());
         kinetic - rod.weight[1] * plant.gravity_vector().dot(&u) * (length - rod.length)
     };
-    (0..STRUTS).map(of_rod).sum()
+    rods.iter().zip(rates).enumerate().map(of_rod).sum()
 }
 
-/// Rates of the strut lengths while both balls are held, m/s.
-pub(super) fn length_rates(plant: &Plant, motion: &Motion) -> [f64; STRUTS] {
-    let platform = &motion.bodies[PLATFORM];
-    std::array::from_fn(|s| {
-        let (u, upper) = (motion.strut_axis[s], &motion.bodies[STRUT + s]);
-        let ball = platform.rotation * plant.geometry.platform_ball(s);
-        u.dot(&(platform.velocity + platform.angular_velocity.cross(&ball) - upper.velocity))
-    })
+/// Rate of the length of strut `s` while both balls are held, m/s.
+pub(super) fn length_rate(motion: &Motion, s: usize) -> f64 {
+    let (u, upper, carrier) = (motion.strut_axis[s], &motion.bodies[strut(s)], &motion.bodies[motion.carrier[s]]);
+    let ball = motion.lower_ball(s) - carrier.position;
+    u.dot(&(carrier.velocity + carrier.angular_velocity.cross(&ball) - upper.velocity))
 }

@@ -15,6 +15,16 @@ pub struct BodyState {
     pub angular_velocity: Vector3<f64>,
 }
 
+impl BodyState {
+    /// At rest in the inertial frame.
+    pub(super) const REST: Self = Self {
+        position: Vector3::new(0.0, 0.0, 0.0),
+        orientation: Quaternion::new(1.0, 0.0, 0.0, 0.0),
+        velocity: Vector3::new(0.0, 0.0, 0.0),
+        angular_velocity: Vector3::new(0.0, 0.0, 0.0),
+    };
+}
+
 /// Rotation matrix of a quaternion, which is normalised first.
 pub(super) fn rotation(q: &Quaternion<f64>) -> Matrix3<f64> {
     UnitQuaternion::new_normalize(*q).to_rotation_matrix().into_inner()

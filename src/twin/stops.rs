@@ -16,14 +16,14 @@ use super::wrench::Twist;
 use crate::dynamics::Plant;
 use crate::effects::hunt_crossley;
 use crate::kinematics::Motion;
-use crate::machine::ARMS;
+use crate::machine::MAX_LIMBS;
 use crate::machine::bodies::{END_EFFECTOR, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
 /// Number of degrees of freedom with stops: arms, telescope, two Hooke joints.
-pub const STOPS: usize = ARMS + 3;
-const TELESCOPE: usize = ARMS;
-const UPPER_HOOKE: usize = ARMS + 1;
-const LOWER_HOOKE: usize = ARMS + 2;
+pub const STOPS: usize = MAX_LIMBS + 3;
+const TELESCOPE: usize = MAX_LIMBS;
+const UPPER_HOOKE: usize = MAX_LIMBS + 1;
+const LOWER_HOOKE: usize = MAX_LIMBS + 2;
 
 /// State of a degree of freedom beyond its limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,7 +41,7 @@ pub fn hits(plant: &Plant, motion: &Motion) -> [Option<Hit>; STOPS] {
     let stops = &plant.stops;
     let mut out = [None; STOPS];
     if stops.arm_stiffness > 0.0 {
-        for i in 0..plant.mechanism.arms().min(ARMS) {
+        for i in 0..plant.mechanism.arms() {
             out[i] = beyond(motion.q[i], motion.qd[i], stops.arm);
         }
     }

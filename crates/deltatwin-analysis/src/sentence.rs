@@ -83,8 +83,10 @@ fn size(d: &Diagnosis, e: &Named) -> Option<String> {
     let alike = sizes.iter().filter(|p| p.unit == surest.unit && relative(p) >= relative(surest).min(3.0));
     let p = alike.max_by(|a, b| a.value.abs().total_cmp(&b.value.abs()))?;
     let size = p.unit.quantity(with_error(p.value, p.std));
-    let is_per_axis =
-        matches!(parameter(p)?.count, Count::PerArm | Count::PerDrive | Count::PerAxis | Count::AllDrives);
+    let is_per_axis = matches!(
+        parameter(p)?.count,
+        Count::PerArm | Count::PerLimb | Count::PerDrive | Count::PerAxis | Count::AllDrives
+    );
     Some(match (is_per_axis, d.model.mechanism.axes(), sizes.len()) {
         (true, 2.., _) => format!("{size} on axis {}", p.param.item + 1),
         (true, ..) | (_, _, 1) => size,

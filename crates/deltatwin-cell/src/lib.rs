@@ -166,7 +166,7 @@ impl Cell {
         Ok(Self {
             listed: objects.len(),
             world: World::new(&all, &parts, gravity),
-            robot: Robot::new(parts),
+            robot: Robot::new(parts, 2 * geometry.limbs.len()),
             neighbours: Neighbours::default(),
             masses: [STRUT_END_MASS; SLOTS],
             quickest: all.iter().map(quickness).fold(STRUT_END_MASS / Surface::default().stiffness, f64::min),
@@ -228,7 +228,7 @@ impl Cell {
 
     /// Checks that the robot penetrates no object by more than 1 mm at the start.
     fn check_start(&mut self, motion: &Motion) -> Result<(), CellError> {
-        self.wrenches(motion, SocketSet::ALL);
+        self.wrenches(motion, self.robot.sockets());
         self.fresh = false;
         match self.deepest {
             Some((touch, depth)) if depth > DEEPEST_START => {
@@ -256,7 +256,7 @@ impl Cell {
     /// than `reach` (m), with the sockets closed.
     pub fn clearance(&mut self, motion: &Motion, reach: f64, without: &[usize]) -> Option<Clearance> {
         let Self { world, robot, neighbours, listed, .. } = self;
-        neighbours.look(world, robot, motion, SocketSet::ALL, reach);
+        neighbours.look(world, robot, motion, robot.sockets(), reach);
         let mut least: Option<Clearance> = None;
         for &(first, second) in &neighbours.pairs {
             let Collider::Object(object) = second else { continue };

@@ -6,8 +6,8 @@ use deltatwin::cell::links::{
 };
 use deltatwin::cell::{Mobility, Object, Shape, Surface};
 use deltatwin::kinematics::SocketSet;
-use deltatwin::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use deltatwin::machine::{ARMS, Actuator, Geometry, STRUTS};
+use deltatwin::machine::bodies::{BodyKind, END_EFFECTOR, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, body_kind, strut};
+use deltatwin::machine::{Actuator, Geometry};
 use nalgebra::{Matrix3, Vector3};
 
 use super::hull::Hull;
@@ -47,8 +47,7 @@ impl Part {
 /// Shapes of the links of a robot; the rotor is inside the base.
 pub fn parts(geometry: &Geometry) -> Vec<Part> {
     let mut parts = Vec::new();
-    for i in 0..ARMS {
-        let limb = &geometry.limbs[i];
+    for (i, limb) in geometry.limbs.iter().enumerate() {
         let elbow = Vector3::x() * limb.arm_length;
         let end = Vector3::x() * (limb.arm_length - ARM_TRIM).max(0.5 * limb.arm_length);
         let pair = Vector3::y() * (0.5 * limb.pair_distance);
@@ -60,26 +59,42 @@ pub fn parts(geometry: &Geometry) -> Vec<Part> {
                 Hull::chain(&[middle - pair, middle + pair], CARRIAGE_RADIUS, false)
             }
         };
-        parts.push(Part::new(ARM + i, body, true));
-        parts.push(Part::new(ARM + i, Hull::chain(&[elbow - pair, elbow + pair], BALL_RADIUS, false), false));
+        parts.push(Part::new(arm(i), body, true));
+        parts.push(Part::new(arm(i), Hull::chain(&[elbow - pair, elbow + pair], BALL_RADIUS, false), false));
     }
-    for s in 0..STRUTS {
+    let struts = 2 * geometry.limbs.len();
+    for s in 0..struts {
         let length = geometry.limbs[s / 2].strut_length;
         let trim = (BALL_RADIUS + STRUT_RADIUS + STRUT_GAP).min(0.4 * length);
         let ends = [Vector3::x() * trim, Vector3::x() * (length - trim)];
-        parts.push(Part::new(STRUT + s, Hull::chain(&ends, STRUT_RADIUS, false), true));
+        parts.push(Part::new(strut(s), Hull::chain(&ends, STRUT_RADIUS, false), true));
         // An open end extends to the former place of the ball; it starts inside the ball, so that it collides with
         // objects only.
-        for (socket, end) in [(s, 0.0), (STRUTS + s, length)] {
-            let tip = Part::new(STRUT + s, Hull::chain(&[Vector3::x() * end], STRUT_RADIUS, false), false);
+        for (socket, end) in [(s, 0.0), (struts + s, length)] {
+            let tip = Part::new(strut(s), Hull::chain(&[Vector3::x() * end], STRUT_RADIUS, false), false);
             parts.push(Part { bared_by: Some(socket), ..tip });
         }
     }
-    let ring = (geometry.platform_radius() - PLATFORM_INSET).max(0.5 * geometry.platform_radius());
-    let plate = Hull::chain(&polygon(ring, 0.0), PLATFORM_THICKNESS, true);
-    parts.push(Part::new(PLATFORM, plate, true));
-    let balls: Vec<_> = (0..STRUTS).map(|s| geometry.platform_ball(s)).collect();
-    parts.push(Part::new(PLATFORM, Hull::chain(&balls, BALL_RADIUS, true), false));
+    let plate = &geometry.plate;
+    for (k, &body) in plate.bodies().iter().enumerate() {
+        let on_part = |s: &usize| k < plate.carriers() && geometry.limbs[s / 2].part == k;
+        let balls: Vec<_> = (0..struts).filter(on_part).map(|s| geometry.platform_ball(s)).collect();
+        let down = if body == END_EFFECTOR { -geometry.flange_height } else { 0.0 };
+        let bars = match plate.turns() {
+            true => {
+                let joints = plate.joints(k).into_iter().map(|joint| joint + Vector3::z() * down);
+                joints.chain(balls.chunks(2).map(|pair| (pair[0] + pair[1]) / 2.0)).collect()
+            }
+            false => {
+                let ring = (geometry.platform_radius() - PLATFORM_INSET).max(0.5 * geometry.platform_radius());
+                polygon(ring, 0.0)
+            }
+        };
+        parts.push(Part::new(body, Hull::chain(&bars, PLATFORM_THICKNESS, bars.len() > 2), true));
+        if !balls.is_empty() {
+            parts.push(Part::new(body, Hull::chain(&balls, BALL_RADIUS, true), false));
+        }
+    }
     let rim = polygon(FLANGE_RADIUS - FLANGE_ROUNDING, FLANGE_ROUNDING);
     let mut flange = Hull::chain(&rim, FLANGE_ROUNDING, true);
     let plane = -geometry.flange_height;
@@ -127,25 +142,26 @@ fn polygon(radius: f64, z: f64) -> Vec<Vector3<f64>> {
         .collect()
 }
 
-/// Whether links `a` and `b` can collide with the sockets in `closed`.
+/// Whether links `a` and `b` of a robot with `struts` struts can collide with the sockets in `closed`.
 ///
 /// On an intact robot the mechanism prevents collisions of links; links adjacent to a joint overlap by construction.
-pub fn can_meet(a: usize, b: usize, closed: SocketSet) -> bool {
-    let (a, b) = (a.min(b), a.max(b));
-    let is_strut = |x: usize| (STRUT..PLATFORM).contains(&x);
-    if closed == SocketSet::ALL || a == b {
+pub fn can_meet(a: usize, b: usize, struts: usize, closed: SocketSet) -> bool {
+    use BodyKind::{Arm, EndEffector, Link, Platform, Strut, TelescopeLower, TelescopeUpper};
+    if closed == SocketSet::of(struts) || a == b {
         return false;
     }
-    match (a, b) {
-        (_, STRUT..) if a < STRUT => !is_strut(b) || (b - STRUT) / 2 != a || !closed.contains(b - STRUT),
-        _ if is_strut(a) && is_strut(b) => {
-            let (s, t) = (a - STRUT, b - STRUT);
-            s / 2 != t / 2 || ![s, t, s + STRUTS, t + STRUTS].into_iter().all(|socket| closed.contains(socket))
+    let meet = |a: BodyKind, b: BodyKind| match (a, b) {
+        (Arm(_), Arm(_)) => false,
+        (Arm(limb), Strut(s)) => s / 2 != limb || !closed.contains(s),
+        (Arm(_), _) | (Strut(_), TelescopeUpper | TelescopeLower) => true,
+        (Strut(s), Strut(t)) => {
+            s / 2 != t / 2 || ![s, t, s + struts, t + struts].into_iter().all(|socket| closed.contains(socket))
         }
-        (_, PLATFORM | END_EFFECTOR) if is_strut(a) => !closed.contains(a - STRUT + STRUTS),
-        (_, TELESCOPE_UPPER | TELESCOPE_LOWER) => is_strut(a),
+        (Strut(s), Platform(_) | EndEffector | Link) => !closed.contains(s + struts),
         _ => false,
-    }
+    };
+    let (a, b) = (body_kind(a), body_kind(b));
+    meet(a, b) || meet(b, a)
 }
 
 #[cfg(test)]
@@ -154,6 +170,7 @@ mod tests {
     use crate::placement::Placement;
     use crate::tests::{geometry, scattered};
     use deltatwin::kinematics::{JointState, Motion};
+    use deltatwin::machine::bodies::STRUT;
 
     fn solid(frame: &Object) -> (Hull, Placement) {
         let at = Placement::at_rest(Matrix3::identity(), frame.position);

@@ -3,7 +3,7 @@
 use deltatwin::kinematics::{Motion, SocketSet};
 use deltatwin::machine::bodies::{END_EFFECTOR, SLOTS};
 
-use super::links::{Part, can_meet};
+use super::links::can_meet;
 use super::placement::Placement;
 use super::robot::Robot;
 use super::world::{Collider, World};
@@ -52,7 +52,7 @@ impl Neighbours {
             }
         }
         let grip = robot.grip.map(|g| (g.object, g.placement(motion)));
-        world.mirror(&robot.parts, &bodies, grip, closed);
+        world.mirror(robot, &bodies, grip, closed);
         self.searches += 1;
         self.reach = margin + SKIN;
         self.pairs.clear();
@@ -60,7 +60,7 @@ impl Neighbours {
         let pairs = world.pairs(self.reach).filter(|(a, b)| own(a) || own(b));
         self.pairs
             .extend(pairs.map(|(a, b)| if !own(&a) || (own(&b) && b.follows(a, held)) { (b, a) } else { (a, b) }));
-        self.pairs.retain(|(a, b)| !own(b) || meet(&robot.parts, *a, *b, closed));
+        self.pairs.retain(|(a, b)| !own(b) || meet(robot, *a, *b, closed));
         self.pairs.sort_unstable_by_key(|(a, b)| (a.order(held), own(b), b.order(held)));
         let objects = world.objects.iter().map(|o| o.at).collect();
         self.then = Some(Then { closed, held, bodies, objects });
@@ -73,9 +73,9 @@ fn most(a: f64, b: f64) -> f64 {
 }
 
 /// Whether two parts of the robot can collide.
-fn meet(parts: &[Part], a: Collider, b: Collider, closed: SocketSet) -> bool {
-    let body = |c| if let Collider::Part(p) = c { parts[p].body } else { END_EFFECTOR };
-    can_meet(body(a), body(b), closed)
+fn meet(robot: &Robot, a: Collider, b: Collider, closed: SocketSet) -> bool {
+    let body = |c| if let Collider::Part(p) = c { robot.parts[p].body } else { END_EFFECTOR };
+    can_meet(body(a), body(b), robot.struts, closed)
 }
 
 impl Collider {

@@ -1,6 +1,6 @@
 //! The robot as seen by the contact solver: parts of its links and the held object.
 
-use deltatwin::kinematics::Motion;
+use deltatwin::kinematics::{Motion, SocketSet};
 use deltatwin::machine::bodies::{END_EFFECTOR, SLOTS};
 use deltatwin::twin::ContactBody;
 use nalgebra::{Matrix3, Vector3};
@@ -19,6 +19,8 @@ pub struct Robot {
     /// Largest distance of a point of each body from the body's origin, m; that of the held object follows.
     own: [f64; SLOTS],
     held: f64,
+    /// Number of struts.
+    pub struts: usize,
 }
 
 /// An object in the gripper: its index and its pose in the end effector's frame.
@@ -45,13 +47,13 @@ pub struct Placed<'a> {
 }
 
 impl Robot {
-    /// A robot with an empty gripper.
-    pub fn new(parts: Vec<Part>) -> Self {
+    /// A robot with this number of struts and an empty gripper.
+    pub fn new(parts: Vec<Part>, struts: usize) -> Self {
         let mut own = [0.0_f64; SLOTS];
         for part in &parts {
             own[part.body] = own[part.body].max(part.position.norm() + part.hull.extent());
         }
-        Self { parts, grip: None, own, held: 0.0 }
+        Self { parts, grip: None, own, held: 0.0, struts }
     }
 
     /// Attaches an object that extends to `extent` m from its origin.
@@ -64,6 +66,11 @@ impl Robot {
     pub fn release(&mut self) -> Option<Grip> {
         self.held = 0.0;
         self.grip.take()
+    }
+
+    /// All sockets.
+    pub fn sockets(&self) -> SocketSet {
+        SocketSet::of(self.struts)
     }
 
     /// Largest distance of a point that moves with each body from the body's origin, m.

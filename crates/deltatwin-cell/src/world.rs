@@ -16,6 +16,7 @@ use super::hooks::Surfaces;
 use super::hull::Hull;
 use super::links::Part;
 use super::placement::{Bounds, Placement};
+use super::robot::Robot;
 
 /// Typical dimension of an object, m; scales Rapier's tolerances.
 const LENGTH_UNIT: f64 = 0.05;
@@ -258,12 +259,12 @@ impl World {
     /// not finite are ignored.
     pub fn mirror(
         &mut self,
-        parts: &[Part],
+        robot: &Robot,
         bodies: &[Placement; SLOTS],
         held: Option<(usize, Placement)>,
         closed: SocketSet,
     ) {
-        let broken = closed != SocketSet::ALL;
+        let broken = closed != robot.sockets();
         let moved = self.links.iter().zip(bodies).map(|(h, at)| (*h, *at));
         for (handle, at) in moved.chain(held.map(|(i, at)| (self.objects[i].handle, at))) {
             if let Some(body) = self.rapier.bodies.get_mut(handle).filter(|_| at.is_finite()) {
@@ -273,7 +274,7 @@ impl World {
                 body.set_position(pose, false);
             }
         }
-        for (handle, part) in self.parts.iter().zip(parts) {
+        for (handle, part) in self.parts.iter().zip(&robot.parts) {
             let Some(collider) = self.rapier.colliders.get_mut(*handle) else { continue };
             collider.set_enabled(part.bared_by.is_none_or(|socket| !closed.contains(socket)));
             collider.set_collision_groups(robot_groups(part.meets_links, broken));

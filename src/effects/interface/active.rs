@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::{Count, Effects, Instant, InternalStates, Layout, Param, Parameter, Role, Values};
 use crate::effects::{Effect, GearSpring, StrutSpring};
 use crate::kinematics::JointState;
-use crate::machine::{AXES, Bodies, Drive, Geometry, Joint, Mechanism, Part, STRUTS, Sockets};
+use crate::machine::{AXES, Bodies, Drive, Geometry, Joint, MAX_STRUTS, Mechanism, Part, Sockets};
 use crate::recording::Signals;
 
 /// Properties of a machine on which the parameters of effects depend: their number, units and typical magnitudes, the
@@ -226,7 +226,7 @@ impl ActiveEffect {
     }
 
     /// Axial spring and damper of each strut; `None` if the struts are rigid.
-    pub fn strut_spring(&self) -> Option<[StrutSpring; STRUTS]> {
+    pub fn strut_spring(&self) -> Option<[StrutSpring; MAX_STRUTS]> {
         self.effect.compliance()?.strut_spring(&self.values())
     }
 
@@ -245,16 +245,13 @@ impl ActiveEffect {
                 }
                 let name = match p.count {
                     Count::One => p.name.to_string(),
-                    Count::PerArm | Count::PerStrut | Count::PerDrive | Count::PerAxis | Count::AllDrives => {
-                        format!("{}_{}", p.name, i + 1)
-                    }
                     Count::Named(names) => format!("{}_{}", p.name, names[i]),
-                    Count::List => format!("{}_{}", p.name, i + 1),
                     Count::PerArmOf(list) => {
                         let arms = self.host.mechanism.arms();
                         let name = format!("{}_{}", p.name, self.values().block(list)[i / arms]);
                         if arms == 1 { name } else { format!("{name}_{}", i % arms + 1) }
                     }
+                    _ => format!("{}_{}", p.name, i + 1),
                 };
                 out.push(Entry { param: Param { effect: self.effect.name(), block: b, item: i }, parameter, name });
             }

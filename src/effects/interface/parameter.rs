@@ -31,8 +31,10 @@ pub enum Role {
 pub enum Count {
     /// A single number.
     One,
-    /// One per arm (array of 3).
+    /// One per driven arm (array of 3).
     PerArm,
+    /// One per limb, also those without a drive (array of 3 on three limbs).
+    PerLimb,
     /// One per strut (array of 6 on three limbs).
     PerStrut,
     /// One per drive (array of 3 or 4; three values mean the arms).
@@ -56,6 +58,7 @@ impl Count {
         match self {
             Self::One | Self::List => 1,
             Self::PerArm | Self::PerDrive | Self::PerArmOf(_) => machine.arms(),
+            Self::PerLimb => machine.limbs(),
             Self::PerStrut => machine.struts(),
             Self::PerAxis | Self::AllDrives => machine.axes(),
             Self::Named(names) => names.len(),

@@ -3,7 +3,7 @@
 use super::{Instant, Values};
 use crate::effects::{GearSpring, StrutSpring};
 use crate::kinematics::JointState;
-use crate::machine::{AXES, STRUTS};
+use crate::machine::{AXES, MAX_STRUTS};
 use crate::recording::Signals;
 
 /// Differential equations of an effect's internal states.
@@ -74,7 +74,7 @@ pub trait Compliance {
     }
 
     /// Axial spring and damper of each strut, see [`StrutSpring`].
-    fn strut_spring(&self, _values: &Values) -> Option<[StrutSpring; STRUTS]> {
+    fn strut_spring(&self, _values: &Values) -> Option<[StrutSpring; MAX_STRUTS]> {
         None
     }
 }

@@ -12,7 +12,8 @@ impl Mechanism {
         if self.springs.is_none() {
             return 0.0;
         }
-        rod::stretch_energy(&self.rods, plant, motion, &rod::length_rates(plant, motion))
+        let rates: [f64; STRUTS] = std::array::from_fn(|s| rod::length_rate(motion, s));
+        rod::stretch_energy(&self.rods, plant, motion, &rates)
     }
 
     /// Power of the elastic struts on the bodies, W.

@@ -10,7 +10,7 @@ use super::{Frame, Mechanism, OpenVector};
 use crate::dynamics::Plant;
 use crate::effects::StrutSpring;
 use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, SLOTS, STRUT};
-use crate::machine::{ARMS, AXES, Joint, STRUTS};
+use crate::machine::{ARMS, AXES, Joint, MAX_STRUTS, STRUTS};
 
 /// Implicit terms of a Rosenbrock step, added to the equations.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -201,7 +201,7 @@ impl Equations {
     pub fn solve_elastic(
         &self,
         mechanism: &Mechanism,
-        springs: &[StrutSpring; STRUTS],
+        springs: &[StrutSpring; MAX_STRUTS],
         loads: &Loads,
     ) -> Result<(OpenVector, [f64; STRUTS]), SingularPose> {
         let Loads { frame, implicit, .. } = loads;

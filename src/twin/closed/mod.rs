@@ -35,8 +35,8 @@ use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, StrutSpring};
 use crate::kinematics::Reactions;
 use crate::kinematics::motion::MAX_SOCKETS;
-use crate::machine::bodies::{END_EFFECTOR, Inertia, PLATFORM, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{ARMS, Geometry, STRUTS};
+use crate::machine::bodies::{END_EFFECTOR, Inertia, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{ARMS, Geometry, MAX_STRUTS, STRUTS};
 
 /// Open velocities ν.
 pub(super) const OPEN: usize = 10;
@@ -73,7 +73,7 @@ pub(super) struct Mechanism {
     /// Whether the end effector has inertia.
     loaded: bool,
     /// Elastic struts; `None` if they are rigid.
-    pub springs: Option<[StrutSpring; STRUTS]>,
+    pub springs: Option<[StrutSpring; MAX_STRUTS]>,
 }
 
 /// Solution of the equations of motion.
@@ -112,7 +112,7 @@ impl Solution {
 impl Mechanism {
     pub fn new(plant: &Plant) -> Self {
         let geometry = plant.geometry;
-        let rods = Rod::all(plant);
+        let rods = std::array::from_fn(|s| Rod::new(&plant.bodies[STRUT + s], geometry.strut_length(s)));
         let balls = std::array::from_fn(|s| geometry.platform_ball(s));
         let mut laden_platform = plant.bodies[PLATFORM];
         for (rod, ball) in rods.iter().zip(&balls) {

@@ -1,10 +1,10 @@
 //! Cholesky factors: of 6×6 blocks of one body, and of the fronts of S = G·M⁻¹·Gᵀ.
 //!
-//! The graph of the joints is a star: three limbs (bearing, two elbows) and the chain of axis 4 meet at the joints of
-//! the platform. Each branch is a front whose inner rows are eliminated independently; its Schur complement on the
-//! platform's rows is added to the last, dense front of 23 rows. There is no fill-in outside the fronts.
+//! The graph of the joints is a star: the limbs (bearing, two elbows) and the chain of axis 4 meet at the joints of the
+//! plate. Each branch is a front whose inner rows are eliminated independently; its Schur complement on the plate's rows
+//! is added to the last, dense front. There is no fill-in outside the fronts.
 
-use super::rows::BLOCK_ROWS;
+use super::structure::Run;
 
 /// Six numbers of one body: translational part at its origin, then rotational part.
 pub(super) type Six = [f64; 6];
@@ -115,7 +115,7 @@ impl Root {
 }
 
 /// L⁻¹·Gᵀ component by component: six rows of block rows.
-pub(super) type Columns = [[f64; BLOCK_ROWS]; 6];
+pub(super) type Columns = [Vec<f64>; 6];
 
 /// target += Σ factor_b·source_b, element-wise; all slices have the same length.
 #[inline(always)]
@@ -147,51 +147,60 @@ fn row_times(target: &mut [f64], y: &Columns, row: usize, others: usize) {
     add_all(target, &factors, &sources);
 }
 
-/// A symmetric matrix of N rows, lower triangle by columns, whose first `P` rows are eliminated joint by joint.
-pub(super) struct Front<const N: usize, const P: usize> {
-    pub columns: [[f64; N]; N],
-    inverse: [f64; P],
-    /// Number of rows of each joint (3 to 5), and one past the last row reached by its elimination.
-    panels: &'static [(usize, usize)],
+/// A symmetric matrix, lower triangle by columns, whose first rows are eliminated joint by joint.
+#[derive(Default)]
+pub(super) struct Front {
+    n: usize,
+    columns: Vec<f64>,
+    /// Reciprocal pivots of the inner rows.
+    inverse: Vec<f64>,
+    /// Number of rows of each inner joint (1 to 5), and one past the last row reached by its elimination.
+    panels: Vec<(usize, usize)>,
 }
 
-impl<const N: usize, const P: usize> Front<N, P> {
-    pub fn new(panels: &'static [(usize, usize)]) -> Self {
-        Self { columns: [[0.0; N]; N], inverse: [0.0; P], panels }
+impl Front {
+    pub fn new(n: usize, inner: usize, panels: &[(usize, usize)]) -> Self {
+        Self { n, columns: vec![0.0; n * n], inverse: vec![0.0; inner], panels: panels.to_vec() }
     }
 
     pub fn clear(&mut self) {
-        self.columns = [[0.0; N]; N];
+        self.columns.fill(0.0);
     }
 
-    /// Adds `Y·Yᵀ` at row `at` for `n` block rows of a body starting at `from`.
-    pub fn gram(&mut self, y: &Columns, from: usize, n: usize, at: usize) {
-        for j in 0..n {
-            row_times(&mut self.columns[at + j][at + j..at + n], y, from + j, from + j);
+    /// Column `k` from its diagonal entry down.
+    pub fn column(&mut self, k: usize) -> &mut [f64] {
+        &mut self.columns[k * self.n + k..(k + 1) * self.n]
+    }
+
+    /// Adds `Y·Yᵀ` of the block rows of one body.
+    pub fn gram(&mut self, y: &Columns, runs: &[Run]) {
+        for (k, run) in runs.iter().enumerate() {
+            for j in 0..run.len {
+                let (column, block) = (run.at + j, run.block + j);
+                row_times(&mut self.column(column)[..run.len - j], y, block, block);
+                for other in &runs[k + 1..] {
+                    let at = other.at - column;
+                    row_times(&mut self.column(column)[at..at + other.len], y, block, other.block);
+                }
+            }
         }
     }
 
-    /// Adds `Y_i·Y_jᵀ` at row `i` and column `j` (i after j) for three block rows each of the same body.
-    pub fn cross(&mut self, y: &Columns, from: [usize; 2], [i, j]: [usize; 2]) {
-        for b in 0..3 {
-            row_times(&mut self.columns[j + b][i..i + 3], y, from[1] + b, from[0]);
-        }
-    }
-
-    /// Diagonal entries.
-    pub fn diagonal(&self) -> [f64; N] {
-        std::array::from_fn(|k| self.columns[k][k])
+    /// Writes the diagonal entries.
+    pub fn diagonal(&self, out: &mut [f64]) {
+        out.iter_mut().enumerate().for_each(|(k, x)| *x = self.columns[k * self.n + k]);
     }
 
     /// Partial Cholesky factorisation; the trailing rows then hold the Schur complement.
     ///
     /// Returns false if a pivot is negligible relative to its `diagonal` entry in the whole matrix.
-    pub fn eliminate(&mut self, diagonal: &[f64; N]) -> bool {
+    pub fn eliminate(&mut self, diagonal: &[f64]) -> bool {
         let mut at = 0;
-        for &(n, reach) in self.panels {
-            for k in at..at + n {
-                let (done, rest) = self.columns.split_at_mut(k + 1);
-                let column = &mut done[k][k..reach];
+        for p in 0..self.panels.len() {
+            let (len, reach) = self.panels[p];
+            for k in at..at + len {
+                let (done, rest) = self.columns.split_at_mut((k + 1) * self.n);
+                let column = &mut done[k * self.n + k..k * self.n + reach];
                 let regular = column[0] > ROW_RANK * diagonal[k]; // false for NaN
                 if !regular {
                     return false;
@@ -201,71 +210,79 @@ impl<const N: usize, const P: usize> Front<N, P> {
                 for x in column.iter_mut() {
                     *x *= scale;
                 }
-                for (j, target) in rest[..at + n - k - 1].iter_mut().enumerate() {
-                    add_all(&mut target[k + 1 + j..reach], &[-column[j + 1]], &[&column[j + 1..]]);
+                for j in 0..at + len - k - 1 {
+                    let target = &mut rest[j * self.n + k + 1 + j..j * self.n + reach];
+                    add_all(target, &[-column[j + 1]], &[&column[j + 1..]]);
                 }
             }
-            match n {
+            match len {
+                1 => self.update::<1>(at, reach),
+                2 => self.update::<2>(at, reach),
                 3 => self.update::<3>(at, reach),
                 4 => self.update::<4>(at, reach),
                 5 => self.update::<5>(at, reach),
                 _ => unreachable!("rows of a joint"),
             }
-            at += n;
+            at += len;
         }
         true
     }
 
     /// Subtracts the contribution of the panel of `B` columns at `at` from the columns after it.
     fn update<const B: usize>(&mut self, at: usize, reach: usize) {
-        let (done, rest) = self.columns.split_at_mut(at + B);
+        let n = self.n;
+        let (done, rest) = self.columns.split_at_mut((at + B) * n);
         for j in at + B..reach {
             let mut factors = [0.0; B];
             let mut panel: [&[f64]; B] = [&[]; B];
             for b in 0..B {
-                panel[b] = &done[at + b][j..reach];
+                panel[b] = &done[(at + b) * n + j..(at + b) * n + reach];
                 factors[b] = -panel[b][0];
             }
-            add_all(&mut rest[j - at - B][j..reach], &factors, &panel);
+            let column = (j - at - B) * n;
+            add_all(&mut rest[column + j..column + reach], &factors, &panel);
         }
     }
 
     /// x := L⁻¹·x on the eliminated rows, with their contributions subtracted from the others.
-    pub fn forward(&self, x: &mut [f64; N]) {
+    pub fn forward(&self, x: &mut [f64]) {
         let mut at = 0;
-        for &(n, reach) in self.panels {
-            match n {
+        for &(len, reach) in &self.panels {
+            match len {
+                1 => self.forward_panel::<1>(x, at, reach),
+                2 => self.forward_panel::<2>(x, at, reach),
                 3 => self.forward_panel::<3>(x, at, reach),
                 4 => self.forward_panel::<4>(x, at, reach),
                 _ => self.forward_panel::<5>(x, at, reach),
             }
-            at += n;
+            at += len;
         }
     }
 
-    fn forward_panel<const B: usize>(&self, x: &mut [f64; N], at: usize, reach: usize) {
+    fn forward_panel<const B: usize>(&self, x: &mut [f64], at: usize, reach: usize) {
         let (own, rest) = x[at..reach].split_at_mut(B);
-        for k in 0..B {
-            own[k] *= self.inverse[at + k];
-            for i in k + 1..B {
-                own[i] -= self.columns[at + k][at + i] * own[k];
-            }
-        }
         let mut factors = [0.0; B];
         let mut panel: [&[f64]; B] = [&[]; B];
         for k in 0..B {
-            panel[k] = &self.columns[at + k][at + B..reach];
+            let column = &self.columns[(at + k) * self.n..][..reach];
+            own[k] *= self.inverse[at + k];
+            for i in k + 1..B {
+                own[i] -= column[at + i] * own[k];
+            }
+            panel[k] = &column[at + B..];
             factors[k] = -own[k];
         }
         add_all(rest, &factors, &panel);
     }
 
     /// x := L⁻ᵀ·x on the eliminated rows; the others must be known.
-    pub fn backward(&self, x: &mut [f64; N]) {
-        let mut at = P;
-        for &(n, reach) in self.panels.iter().rev() {
-            at -= n;
-            match n {
+    pub fn backward(&self, x: &mut [f64]) {
+        let mut at = self.inverse.len();
+        for &(len, reach) in self.panels.iter().rev() {
+            at -= len;
+            match len {
+                1 => self.backward_panel::<1>(x, at, reach),
+                2 => self.backward_panel::<2>(x, at, reach),
                 3 => self.backward_panel::<3>(x, at, reach),
                 4 => self.backward_panel::<4>(x, at, reach),
                 _ => self.backward_panel::<5>(x, at, reach),
@@ -273,11 +290,11 @@ impl<const N: usize, const P: usize> Front<N, P> {
         }
     }
 
-    fn backward_panel<const B: usize>(&self, x: &mut [f64; N], at: usize, reach: usize) {
+    fn backward_panel<const B: usize>(&self, x: &mut [f64], at: usize, reach: usize) {
         let (own, rest) = x[at..reach].split_at_mut(B);
         let mut panel: [&[f64]; B] = [&[]; B];
         for k in 0..B {
-            panel[k] = &self.columns[at + k][at + B..reach][..rest.len()];
+            panel[k] = &self.columns[(at + k) * self.n + at + B..][..rest.len()];
         }
         for i in 0..rest.len() {
             for k in 0..B {
@@ -286,7 +303,7 @@ impl<const N: usize, const P: usize> Front<N, P> {
         }
         for k in (0..B).rev() {
             for i in k + 1..B {
-                own[k] -= self.columns[at + k][at + i] * own[i];
+                own[k] -= self.columns[(at + k) * self.n + at + i] * own[i];
             }
             own[k] *= self.inverse[at + k];
         }

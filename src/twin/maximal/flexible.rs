@@ -13,12 +13,13 @@
 
 use nalgebra::Vector3;
 
+use super::Solution;
 use super::factor::{Six, add};
-use super::rows::*;
+use super::rows::Rows;
+use super::structure::{MAX_ROWS, Structure};
 use crate::kinematics::{BodyMotion, SocketSet};
-use crate::machine::bodies::{BODIES, SLOTS, STRUT};
-use crate::machine::{Inertia, STRUTS};
-use crate::twin::constraints::ROWS;
+use crate::machine::bodies::{SLOTS, strut};
+use crate::machine::{Inertia, MAX_STRUTS};
 use crate::twin::rod::Rod;
 
 /// An elastic strut at one instant.
@@ -34,8 +35,6 @@ pub(in crate::twin) struct Stretch {
     /// Implicit addition to m_bb: h·γ·damping + h²γ²·stiffness, kg.
     pub added: f64,
 }
-
-pub(in crate::twin) type Stretches = [Stretch; STRUTS];
 
 impl Stretch {
     /// Present length, m.
@@ -85,88 +84,95 @@ pub(super) struct Eliminated {
     pub u: Vector3<f64>,
     /// s, kg.
     first: f64,
-    /// 1/m, 1/kg; zero for a rigid strut.
+    /// 1/m, 1/kg.
     pub inverse: f64,
 }
 
 impl Eliminated {
-    pub const RIGID: Self = Self { u: Vector3::new(0.0, 0.0, 0.0), first: 0.0, inverse: 0.0 };
-
     fn of(stretch: &Stretch, b: &BodyMotion) -> Self {
         let inverse = 1.0 / (stretch.rod.bb + stretch.added);
         Self { u: b.rotation.column(0).into_owned(), first: stretch.first(), inverse }
     }
 }
 
-/// Eliminates the elongations from mass matrices and rows.
+/// Eliminates the elongations from mass matrices and rows, and adds their results to `out`.
 pub(super) fn eliminate(
-    stretches: &Stretches,
-    bodies: &[BodyMotion; SLOTS],
-    closed: SocketSet,
-    mass: &mut [[Six; 6]; BODIES],
+    stretches: &[Stretch],
+    (structure, bodies, closed): (&Structure, &[BodyMotion; SLOTS], SocketSet),
+    mass: &mut [[Six; 6]; SLOTS],
     rows: &mut Rows,
-) -> [Eliminated; STRUTS] {
-    std::array::from_fn(|s| {
-        let (stretch, b) = (&stretches[s], &bodies[STRUT + s]);
-        let out = Eliminated::of(stretch, b);
-        let linear = [out.u.x, out.u.y, out.u.z, 0.0, 0.0, 0.0];
-        for (k, row) in mass[STRUT + s].iter_mut().take(3).enumerate() {
-            add(row, -out.first * out.first * out.inverse * out.u[k], &linear);
+    out: &mut Vec<Eliminated>,
+) {
+    for (s, stretch) in stretches.iter().enumerate() {
+        let b = &bodies[strut(s)];
+        let rod = Eliminated::of(stretch, b);
+        let linear = [rod.u.x, rod.u.y, rod.u.z, 0.0, 0.0, 0.0];
+        for (k, row) in mass[strut(s)].iter_mut().take(3).enumerate() {
+            add(row, -rod.first * rod.first * rod.inverse * rod.u[k], &linear);
         }
-        if closed.contains(STRUTS + s) {
-            let coriolis = b.angular_velocity.cross(&out.u) * (2.0 * stretch.rate);
+        if closed.contains(structure.struts + s) {
+            let coriolis = b.angular_velocity.cross(&rod.u) * (2.0 * stretch.rate);
+            // The rows of the lower ball follow those of the upper one.
+            let block = structure.blocks[strut(s)].start + 3;
             for k in 0..3 {
-                add(&mut rows.blocks[ball_on_strut(s) + k], -out.first * out.inverse * out.u[k], &linear);
-                rows.gamma[socket(STRUTS + s) + k] -= coriolis[k];
+                add(&mut rows.blocks[block + k], -rod.first * rod.inverse * rod.u[k], &linear);
+                rows.gamma[structure.ball(s) + k] -= coriolis[k];
             }
         }
-        out
-    })
+        out.push(rod);
+    }
 }
 
 /// Adds the contributions of f to the right-hand sides.
 pub(super) fn load(
-    eliminated: &[Eliminated; STRUTS],
-    f: &[f64; STRUTS],
-    closed: SocketSet,
-    w: &mut [Six; BODIES],
-    gamma: &mut [f64; ROWS],
+    eliminated: &[Eliminated],
+    f: &[f64; MAX_STRUTS],
+    (structure, closed): (&Structure, SocketSet),
+    w: &mut [Six; SLOTS],
+    gamma: &mut [f64; MAX_ROWS],
 ) {
-    for (s, strut) in eliminated.iter().enumerate() {
-        let rate = f[s] * strut.inverse;
+    for (s, rod) in eliminated.iter().enumerate() {
+        let rate = f[s] * rod.inverse;
         for k in 0..3 {
-            w[STRUT + s][k] -= strut.first * rate * strut.u[k];
-            if closed.contains(STRUTS + s) {
-                gamma[socket(STRUTS + s) + k] -= rate * strut.u[k];
+            w[strut(s)][k] -= rod.first * rate * rod.u[k];
+            if closed.contains(structure.struts + s) {
+                gamma[structure.ball(s) + k] -= rate * rod.u[k];
             }
         }
     }
 }
 
 /// Adds E·λ to the rows' residual.
-pub(super) fn give(eliminated: &[Eliminated; STRUTS], lambda: &[f64; ROWS], rows: &mut [f64; ROWS]) {
-    for (s, strut) in eliminated.iter().enumerate() {
-        let along = strut.inverse * strut.u.dot(&at_ball(lambda, s));
+pub(super) fn give(
+    eliminated: &[Eliminated],
+    lambda: &[f64; MAX_ROWS],
+    structure: &Structure,
+    rows: &mut [f64; MAX_ROWS],
+) {
+    for (s, rod) in eliminated.iter().enumerate() {
+        let along = rod.inverse * rod.u.dot(&at(lambda, structure.ball(s)));
         for k in 0..3 {
-            rows[socket(STRUTS + s) + k] += strut.u[k] * along;
+            rows[structure.ball(s) + k] += rod.u[k] * along;
         }
     }
 }
 
-/// ë of every strut, m/s²; zero for rigid ones.
+/// Writes ë of every elastic strut, m/s².
 pub(super) fn rates(
-    eliminated: &[Eliminated; STRUTS],
-    f: &[f64; STRUTS],
-    accelerations: &[Six; BODIES],
-    lambda: &[f64; ROWS],
-) -> [f64; STRUTS] {
-    std::array::from_fn(|s| {
-        let (strut, a) = (&eliminated[s], &accelerations[STRUT + s]);
-        let moved = strut.u.dot(&Vector3::new(a[0], a[1], a[2]));
-        strut.inverse * (f[s] - strut.first * moved - strut.u.dot(&at_ball(lambda, s)))
-    })
+    eliminated: &[Eliminated],
+    f: &[f64; MAX_STRUTS],
+    structure: &Structure,
+    accelerations: &[Six; SLOTS],
+    solution: &mut Solution,
+) {
+    for (s, rod) in eliminated.iter().enumerate() {
+        let a = &accelerations[strut(s)];
+        let moved = rod.u.dot(&Vector3::new(a[0], a[1], a[2]));
+        let held = rod.u.dot(&at(&solution.multipliers, structure.ball(s)));
+        solution.stretches[s] = rod.inverse * (f[s] - rod.first * moved - held);
+    }
 }
 
-fn at_ball(lambda: &[f64; ROWS], s: usize) -> Vector3<f64> {
-    Vector3::from_fn(|k, _| lambda[socket(STRUTS + s) + k])
+fn at(lambda: &[f64; MAX_ROWS], row: usize) -> Vector3<f64> {
+    Vector3::from_fn(|k, _| lambda[row + k])
 }

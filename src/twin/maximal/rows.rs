@@ -1,195 +1,145 @@
 //! Rows of all joints at one pose: violations c, Jacobian G and the right-hand side γ of G·a = γ.
 //!
 //! G is stored in blocks of one joint on one body: six numbers per row, for the velocity of the body's origin and its
-//! angular velocity, inertial axes. Rows are numbered as in [`constraints`](crate::twin::constraints), block rows body
-//! by body.
+//! angular velocity, inertial axes. Rows and block rows are numbered by [`Structure`].
 
 use nalgebra::Vector3;
 
+use super::structure::{Joint, Kind, MAX_ROWS, Structure};
 use crate::kinematics::{Arm, BodyMotion, SocketSet};
-use crate::machine::bodies::{
-    ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, SLOTS, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER,
-};
-use crate::machine::{ARMS, Actuator, Geometry, STRUTS};
-use crate::twin::constraints::ROWS;
-
-/// Number of block rows: 20 rows act on one body (the other is the fixed base), 54 on two.
-pub(super) const BLOCK_ROWS: usize = 128;
-
-/// First row of each joint: bearings of arms and rotor, ball sockets, then the chain of axis 4.
-pub(super) const fn bearing(arm: usize) -> usize {
-    5 * arm
-}
-pub(super) const ROTOR_BEARING: usize = 15;
-/// First row of socket 0..12 (0..6 at the elbows).
-pub(super) const fn socket(k: usize) -> usize {
-    20 + 6 * (k % STRUTS) + 3 * (k / STRUTS)
-}
-pub(super) const PIVOT: usize = 56;
-pub(super) const UPPER_HOOKE: usize = 61;
-pub(super) const SLIDE: usize = 65;
-pub(super) const LOWER_HOOKE: usize = 70;
-
-/// First block row of each body, and one past the last.
-pub(super) const BODY: [usize; BODIES + 1] = [0, 11, 22, 33, 39, 45, 51, 57, 63, 69, 92, 101, 110, 119, BLOCK_ROWS];
-
-/// First block row of each joint on each of its bodies.
-pub(super) const fn bearing_block(arm: usize) -> usize {
-    BODY[ARM + arm]
-}
-pub(super) const fn elbow_on_arm(strut: usize) -> usize {
-    BODY[ARM + strut / 2] + 5 + 3 * (strut % 2)
-}
-pub(super) const fn elbow_on_strut(strut: usize) -> usize {
-    BODY[STRUT + strut]
-}
-pub(super) const fn ball_on_strut(strut: usize) -> usize {
-    BODY[STRUT + strut] + 3
-}
-pub(super) const fn ball_on_platform(strut: usize) -> usize {
-    BODY[PLATFORM] + 5 + 3 * strut
-}
-pub(super) const PIVOT_ON_PLATFORM: usize = BODY[PLATFORM];
-pub(super) const LOWER_HOOKE_ON_END_EFFECTOR: usize = BODY[END_EFFECTOR];
-pub(super) const PIVOT_ON_END_EFFECTOR: usize = BODY[END_EFFECTOR] + 4;
-pub(super) const ROTOR_BEARING_BLOCK: usize = BODY[ROTOR];
-pub(super) const UPPER_HOOKE_ON_ROTOR: usize = BODY[ROTOR] + 5;
-pub(super) const UPPER_HOOKE_ON_TELESCOPE: usize = BODY[TELESCOPE_UPPER];
-pub(super) const SLIDE_ON_UPPER: usize = BODY[TELESCOPE_UPPER] + 4;
-pub(super) const SLIDE_ON_LOWER: usize = BODY[TELESCOPE_LOWER];
-pub(super) const LOWER_HOOKE_ON_LOWER: usize = BODY[TELESCOPE_LOWER] + 5;
-
-/// Row of every block row.
-pub(super) const ROW: [usize; BLOCK_ROWS] = row_of_blocks();
-
-const fn row_of_blocks() -> [usize; BLOCK_ROWS] {
-    let mut out = [usize::MAX; BLOCK_ROWS];
-    let mut i = 0;
-    while i < ARMS {
-        out = joint(out, bearing_block(i), bearing(i), 5);
-        i += 1;
-    }
-    let mut s = 0;
-    while s < STRUTS {
-        out = joint(out, elbow_on_arm(s), socket(s), 3);
-        out = joint(out, elbow_on_strut(s), socket(s), 3);
-        out = joint(out, ball_on_strut(s), socket(STRUTS + s), 3);
-        out = joint(out, ball_on_platform(s), socket(STRUTS + s), 3);
-        s += 1;
-    }
-    out = joint(out, ROTOR_BEARING_BLOCK, ROTOR_BEARING, 5);
-    out = joint(out, PIVOT_ON_PLATFORM, PIVOT, 5);
-    out = joint(out, PIVOT_ON_END_EFFECTOR, PIVOT, 5);
-    out = joint(out, UPPER_HOOKE_ON_ROTOR, UPPER_HOOKE, 4);
-    out = joint(out, UPPER_HOOKE_ON_TELESCOPE, UPPER_HOOKE, 4);
-    out = joint(out, SLIDE_ON_UPPER, SLIDE, 5);
-    out = joint(out, SLIDE_ON_LOWER, SLIDE, 5);
-    out = joint(out, LOWER_HOOKE_ON_LOWER, LOWER_HOOKE, 4);
-    joint(out, LOWER_HOOKE_ON_END_EFFECTOR, LOWER_HOOKE, 4)
-}
-
-const fn joint(mut out: [usize; BLOCK_ROWS], block: usize, row: usize, n: usize) -> [usize; BLOCK_ROWS] {
-    let mut k = 0;
-    while k < n {
-        out[block + k] = row + k;
-        k += 1;
-    }
-    out
-}
+use crate::machine::bodies::SLOTS;
+use crate::machine::{Actuator, Geometry, MAX_STRUTS};
+use crate::numerics::with_turns;
 
 /// All rows at one pose; those of an open socket are zero.
 pub(super) struct Rows {
     /// Violation c, m or 1.
-    pub values: [f64; ROWS],
+    pub values: [f64; MAX_ROWS],
     /// γ = −(d²c/dt² at zero acceleration), m/s² or 1/s².
-    pub gamma: [f64; ROWS],
+    pub gamma: [f64; MAX_ROWS],
     /// Blocks of G.
-    pub blocks: [[f64; 6]; BLOCK_ROWS],
+    pub blocks: Vec<[f64; 6]>,
 }
 
 impl Rows {
-    pub fn new() -> Self {
-        Self { values: [0.0; ROWS], gamma: [0.0; ROWS], blocks: [[0.0; 6]; BLOCK_ROWS] }
+    pub fn new(structure: &Structure) -> Self {
+        Self { values: [0.0; MAX_ROWS], gamma: [0.0; MAX_ROWS], blocks: vec![[0.0; 6]; structure.row.len()] }
     }
 
     /// Computes the rows of all joints with the sockets in `closed`; `lengths` are the strut lengths, m.
-    pub fn fill(&mut self, geometry: &Geometry, lengths: &[f64; STRUTS], b: &[BodyMotion; SLOTS], closed: SocketSet) {
-        for i in 0..ARMS {
-            let (row, block, arm) = (bearing(i), bearing_block(i), &b[ARM + i]);
-            match geometry.limbs[i].actuator {
-                Actuator::Revolute => {
-                    let shaft = Point::fixed(geometry.limbs[i].shaft());
-                    self.same_point(row, Point::new(block, arm, Vector3::zeros()), shaft);
-                    let y = Axis::new(block + 3, arm, 1);
-                    self.normal(row + 3, y, Axis::fixed(geometry.limbs[i].radial()));
-                    self.normal(row + 4, Axis { block: Some(block + 4), ..y }, Axis::fixed(Vector3::z()));
+    pub fn fill(
+        &mut self,
+        structure: &Structure,
+        geometry: &Geometry,
+        lengths: &[f64; MAX_STRUTS],
+        b: &[BodyMotion; SLOTS],
+        closed: SocketSet,
+    ) {
+        for joint in &structure.joints {
+            let on = |k: usize| On { block: joint.blocks[k], body: &b[joint.bodies[k]] };
+            let origin = Vector3::zeros();
+            match joint.kind {
+                Kind::Bearing(limb) => self.bearing(joint.row, on(0), geometry, limb),
+                Kind::Socket(k) if !closed.contains(k) => self.open(joint),
+                Kind::Socket(k) => {
+                    let upper = k < structure.struts;
+                    let s = if upper { k } else { k - structure.struts };
+                    let along = if upper { origin } else { Vector3::new(lengths[s], 0.0, 0.0) };
+                    let ball = if upper { geometry.elbow_ball(s) } else { geometry.platform_ball(s) };
+                    self.same_point(joint.row, on(0).point(along), on(1).point(ball));
                 }
-                Actuator::Prismatic { .. } => {
-                    let guide = Arm::new(&geometry.limbs[i], 0.0);
-                    let (v, offset) = (geometry.limbs[i].tangential(), arm.position - guide.origin);
-                    for (k, across) in [v, guide.z].into_iter().enumerate() {
-                        (self.values[row + k], self.gamma[row + k]) = (offset.dot(&across), 0.0);
-                        self.write(block + k, &across, &Vector3::zeros());
-                    }
-                    for (k, (own, fixed)) in [(1, guide.x), (1, guide.z), (0, guide.z)].into_iter().enumerate() {
-                        self.normal(row + 2 + k, Axis::new(block + 2 + k, arm, own), Axis::fixed(fixed));
+                Kind::Hinge([p, q]) => {
+                    let alone = joint.bodies.len() == 1;
+                    let fixed = if alone { Point::fixed(q) } else { on(1).point(q) };
+                    self.same_point(joint.row, on(0).point(p), fixed);
+                    for i in 0..2 {
+                        let k = 3 + i;
+                        let across = if alone { Axis::fixed(Vector3::ith(i, 1.0)) } else { on(1).after(k).axis(i) };
+                        self.normal(joint.row + k, on(0).after(k).axis(2), across);
                     }
                 }
-            }
-        }
-        let (row, block, rotor) = (ROTOR_BEARING, ROTOR_BEARING_BLOCK, &b[ROTOR]);
-        self.same_point(row, Point::new(block, rotor, Vector3::zeros()), Point::fixed(geometry.upper_hooke()));
-        self.normal(row + 3, Axis::new(block + 3, rotor, 2), Axis::fixed(Vector3::x()));
-        self.normal(row + 4, Axis::new(block + 4, rotor, 2), Axis::fixed(Vector3::y()));
-        for s in 0..STRUTS {
-            let strut = &b[STRUT + s];
-            let (on_arm, on_platform) = (geometry.elbow_ball(s), geometry.platform_ball(s));
-            let along = Vector3::new(lengths[s], 0.0, 0.0);
-            let elbow = [(elbow_on_strut(s), strut, Vector3::zeros()), (elbow_on_arm(s), &b[ARM + s / 2], on_arm)];
-            let ball = [(ball_on_strut(s), strut, along), (ball_on_platform(s), &b[PLATFORM], on_platform)];
-            for (k, [on_strut, on_partner]) in [(s, elbow), (STRUTS + s, ball)] {
-                if closed.contains(k) {
-                    let point = |(block, body, x): (usize, &BodyMotion, Vector3<f64>)| Point::new(block, body, x);
-                    self.same_point(socket(k), point(on_strut), point(on_partner));
-                } else {
+                Kind::Hooke([p, q]) => {
+                    self.same_point(joint.row, on(0).point(p), on(1).point(q));
+                    self.normal(joint.row + 3, on(1).after(3).axis(0), on(0).after(3).axis(1));
+                }
+                Kind::Rail(across) => {
                     for i in 0..3 {
-                        (self.values[socket(k) + i], self.gamma[socket(k) + i]) = (0.0, 0.0);
-                        self.blocks[on_strut.0 + i] = [0.0; 6];
-                        self.blocks[on_partner.0 + i] = [0.0; 6];
+                        self.normal(joint.row + i, on(1).after(i).axis(i), on(0).after(i).axis((i + 1) % 3));
                     }
+                    for (i, e) in across.into_iter().enumerate() {
+                        let k = 3 + i;
+                        let (a, b) = (on(0).after(k), on(1).after(k));
+                        self.in_plane(joint.row + k, a.point(origin), b.point(origin), b.fixed(&e));
+                    }
+                }
+                Kind::Pin([p, q]) => {
+                    for i in 0..2 {
+                        let (a, b) = (on(0).after(i), on(1).after(i));
+                        self.in_plane(joint.row + i, a.point(p), b.point(q), b.axis(i));
+                    }
+                }
+                Kind::Pinion { along, radius } => self.pinion(joint.row, [on(0), on(1), on(2)], &along, radius),
+                Kind::Coupling(limbs) => {
+                    let [p, q] = [0, 1].map(|k| {
+                        let (limb, arm) = (&geometry.limbs[limbs[k]], on(k).body);
+                        let (linear, angular) = match limb.actuator {
+                            Actuator::Revolute => (origin, limb.tangential()),
+                            Actuator::Prismatic { .. } => (Arm::new(limb, 0.0).slope, origin),
+                        };
+                        let sign = if k == 0 { 1.0 } else { -1.0 };
+                        self.write(joint.blocks[k], &(linear * sign), &(angular * sign));
+                        Arm::coordinate(limb, arm)
+                    });
+                    (self.values[joint.row], self.gamma[joint.row]) = (p - q, 0.0);
                 }
             }
         }
-        self.chain(geometry, b);
     }
 
-    /// Computes the rows of pivot, Hooke joints and telescope.
-    fn chain(&mut self, geometry: &Geometry, b: &[BodyMotion; SLOTS]) {
-        let [platform, ee, rotor, upper, lower] =
-            [PLATFORM, END_EFFECTOR, ROTOR, TELESCOPE_UPPER, TELESCOPE_LOWER].map(|k| &b[k]);
-        let origin = Vector3::zeros();
-        let flange = Vector3::new(0.0, 0.0, geometry.flange_height);
-        let (on_ee, on_platform) = (PIVOT_ON_END_EFFECTOR, PIVOT_ON_PLATFORM);
-        self.same_point(PIVOT, Point::new(on_ee, ee, origin), Point::new(on_platform, platform, flange));
-        for i in 0..2 {
-            let k = 3 + i;
-            self.normal(PIVOT + k, Axis::new(on_ee + k, ee, 2), Axis::new(on_platform + k, platform, i));
-        }
-        let (on_rotor, on_upper) = (UPPER_HOOKE_ON_ROTOR, UPPER_HOOKE_ON_TELESCOPE);
-        self.same_point(UPPER_HOOKE, Point::new(on_upper, upper, origin), Point::new(on_rotor, rotor, origin));
-        self.normal(UPPER_HOOKE + 3, Axis::new(on_rotor + 3, rotor, 0), Axis::new(on_upper + 3, upper, 1));
-        let (on_upper, on_lower) = (SLIDE_ON_UPPER, SLIDE_ON_LOWER);
+    fn open(&mut self, joint: &Joint) {
         for i in 0..3 {
-            let (p, q) = (Axis::new(on_upper + i, upper, i), Axis::new(on_lower + i, lower, (i + 1) % 3));
-            self.normal(SLIDE + i, p, q);
+            (self.values[joint.row + i], self.gamma[joint.row + i]) = (0.0, 0.0);
+            joint.blocks.iter().for_each(|block| self.blocks[block + i] = [0.0; 6]);
         }
-        for i in 0..2 {
-            self.in_plane(SLIDE + 3 + i, (on_lower + 3 + i, lower), (on_upper + 3 + i, upper), i);
+    }
+
+    fn bearing(&mut self, row: usize, arm: On, geometry: &Geometry, limb: usize) {
+        let limb = &geometry.limbs[limb];
+        match limb.actuator {
+            Actuator::Revolute => {
+                self.same_point(row, arm.point(Vector3::zeros()), Point::fixed(limb.shaft()));
+                for (k, across) in [(3, limb.radial()), (4, Vector3::z())] {
+                    self.normal(row + k, arm.after(k).axis(1), Axis::fixed(across));
+                }
+            }
+            Actuator::Prismatic { .. } => {
+                let guide = Arm::new(limb, 0.0);
+                let offset = arm.body.position - guide.origin;
+                for (k, across) in [limb.tangential(), guide.z].into_iter().enumerate() {
+                    (self.values[row + k], self.gamma[row + k]) = (offset.dot(&across), 0.0);
+                    self.write(arm.block + k, &across, &Vector3::zeros());
+                }
+                for (k, own, fixed) in [(2, 1, guide.x), (3, 1, guide.z), (4, 0, guide.z)] {
+                    self.normal(row + k, arm.after(k).axis(own), Axis::fixed(fixed));
+                }
+            }
         }
-        let cross = Vector3::new(0.0, 0.0, geometry.lower_hooke_height - geometry.flange_height);
-        let (on_lower, on_ee) = (LOWER_HOOKE_ON_LOWER, LOWER_HOOKE_ON_END_EFFECTOR);
-        self.same_point(LOWER_HOOKE, Point::new(on_lower, lower, origin), Point::new(on_ee, ee, cross));
-        self.normal(LOWER_HOOKE + 3, Axis::new(on_ee + 3, ee, 0), Axis::new(on_lower + 3, lower, 1));
+    }
+
+    /// c = r·θ − d·e with d from `guide` to `rack`, e `along` of the guide, and θ the angle of the pinion on the guide about z.
+    fn pinion(&mut self, row: usize, [guide, rack, pinion]: [On; 3], along: &Vector3<f64>, radius: f64) {
+        let (e, z) = (guide.fixed(along), guide.axis(2));
+        let d = rack.body.position - guide.body.position;
+        let rate = rack.body.velocity - guide.body.velocity;
+        let turning = pinion.body.angular_velocity - guide.body.angular_velocity;
+        let x = guide.body.rotation.tr_mul(&pinion.body.rotation.column(0));
+        let way = d.dot(&e.x);
+        let angle = with_turns(x.y.atan2(x.x), way / radius);
+        self.values[row] = radius * angle - way;
+        self.gamma[row] = -(radius * turning.dot(&z.rate) - 2.0 * rate.dot(&e.rate) - d.dot(&e.bias));
+        self.write(guide.block, &e.x, &(z.x * -radius - e.x.cross(&d)));
+        self.write(rack.block, &-e.x, &Vector3::zeros());
+        self.write(pinion.block, &Vector3::zeros(), &(z.x * radius));
     }
 
     /// c = x_a − x_b with ẋ = v + ω × r.
@@ -219,18 +169,54 @@ impl Rows {
         }
     }
 
-    /// c = (x_a − x_b)·e with e axis `i` of body b.
-    fn in_plane(&mut self, row: usize, a: (usize, &BodyMotion), b: (usize, &BodyMotion), i: usize) {
-        let e = Axis::new(b.0, b.1, i);
-        let (d, rate) = (a.1.position - b.1.position, a.1.velocity - b.1.velocity);
+    /// c = (x_a − x_b)·e with e fixed in body b.
+    fn in_plane(&mut self, row: usize, a: Point, b: Point, e: Axis) {
+        let (d, rate) = (a.x - b.x, a.rate - b.rate);
         self.values[row] = d.dot(&e.x);
-        self.gamma[row] = -(2.0 * rate.dot(&e.rate) + d.dot(&e.bias));
-        self.write(a.0, &e.x, &Vector3::zeros());
-        self.write(b.0, &-e.x, &e.x.cross(&d));
+        self.gamma[row] = -((a.bias - b.bias).dot(&e.x) + 2.0 * rate.dot(&e.rate) + d.dot(&e.bias));
+        if let (Some(on_a), Some(on_b)) = (a.block, b.block) {
+            self.write(on_a, &e.x, &a.r.cross(&e.x));
+            self.write(on_b, &-e.x, &(e.x.cross(&d) - b.r.cross(&e.x)));
+        }
     }
 
     fn write(&mut self, block: usize, linear: &Vector3<f64>, angular: &Vector3<f64>) {
         self.blocks[block] = [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z];
+    }
+}
+
+/// A body in a joint, with its block row.
+#[derive(Clone, Copy)]
+struct On<'a> {
+    block: usize,
+    body: &'a BodyMotion,
+}
+
+impl On<'_> {
+    /// `k` block rows later.
+    fn after(self, k: usize) -> Self {
+        Self { block: self.block + k, ..self }
+    }
+
+    fn point(self, in_body: Vector3<f64>) -> Point {
+        let (b, omega) = (self.body, &self.body.angular_velocity);
+        let r = b.rotation * in_body;
+        let swing = omega.cross(&r);
+        Point { block: Some(self.block), x: b.position + r, r, rate: b.velocity + swing, bias: omega.cross(&swing) }
+    }
+
+    fn axis(self, i: usize) -> Axis {
+        self.turned(self.body.rotation.column(i).into_owned())
+    }
+
+    /// A direction in the axes of the body.
+    fn fixed(self, in_body: &Vector3<f64>) -> Axis {
+        self.turned(self.body.rotation * in_body)
+    }
+
+    fn turned(self, x: Vector3<f64>) -> Axis {
+        let rate = self.body.angular_velocity.cross(&x);
+        Axis { block: Some(self.block), x, rate, bias: self.body.angular_velocity.cross(&rate) }
     }
 }
 
@@ -241,23 +227,18 @@ struct Point {
     x: Vector3<f64>,
     /// Vector from the body's origin.
     r: Vector3<f64>,
+    rate: Vector3<f64>,
     /// Centripetal acceleration ω × (ω × r).
     bias: Vector3<f64>,
 }
 
 impl Point {
-    fn new(block: usize, b: &BodyMotion, in_body: Vector3<f64>) -> Self {
-        let r = b.rotation * in_body;
-        let omega = &b.angular_velocity;
-        Self { block: Some(block), x: b.position + r, r, bias: omega.cross(&omega.cross(&r)) }
-    }
-
     fn fixed(x: Vector3<f64>) -> Self {
-        Self { block: None, x, r: Vector3::zeros(), bias: Vector3::zeros() }
+        Self { block: None, x, r: Vector3::zeros(), rate: Vector3::zeros(), bias: Vector3::zeros() }
     }
 }
 
-/// An axis of a body, or of the base.
+/// A direction of a body, or of the base.
 #[derive(Clone, Copy)]
 struct Axis {
     /// Block row on its body.
@@ -269,12 +250,6 @@ struct Axis {
 }
 
 impl Axis {
-    fn new(block: usize, b: &BodyMotion, i: usize) -> Self {
-        let x = b.rotation.column(i).into_owned();
-        let rate = b.angular_velocity.cross(&x);
-        Self { block: Some(block), x, rate, bias: b.angular_velocity.cross(&rate) }
-    }
-
     fn fixed(x: Vector3<f64>) -> Self {
         Self { block: None, x, rate: Vector3::zeros(), bias: Vector3::zeros() }
     }

@@ -9,15 +9,22 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::dynamics::inertial_wrench;
 use crate::kinematics::{JointState, Motion};
-use crate::machine::bodies::{ARM, ROTOR, TELESCOPE_UPPER};
-use crate::machine::{ARMS, Setup};
+use crate::machine::bodies::{ARM, BODIES, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{ARMS, Geometry, Joint, Limb, Mechanism, Members, Plate, STRUTS, Setup};
 use crate::model::testing::irb360;
 use crate::twin::absolute;
+
+/// First rows of joints of the chain of axis 4.
+const ROTOR_BEARING: usize = 15;
+const PIVOT: usize = 56;
+const UPPER_HOOKE: usize = 61;
+const SLIDE: usize = 65;
+const LOWER_HOOKE: usize = 70;
 
 /// Poses and twists of all bodies.
 #[derive(Clone)]
 pub(super) struct State {
-    pub(super) bodies: [BodyState; BODIES],
+    pub(super) bodies: [BodyState; SLOTS],
 }
 
 impl State {
@@ -43,10 +50,11 @@ impl State {
                 ..BodyMotion::REST
             };
         }
-        let mut y = [0.0; absolute::LENGTH];
-        absolute::store(&mut y, plant, &motion);
-        y[absolute::LENGTH - 2 * STRUTS..].fill(0.0);
-        absolute::motion(plant, &y)
+        let joints = absolute::Joints::new(plant);
+        let mut y = vec![0.0; joints.length()];
+        joints.store(&mut y, plant, &motion);
+        y[joints.length() - 2 * STRUTS..].fill(0.0);
+        joints.motion(plant, &y)
     }
 }
 
@@ -73,13 +81,13 @@ impl MaximalCoordinates {
     /// Forces and moments of all joints from the last solution.
     pub(super) fn reactions(&self) -> JointReactions {
         JointReactions {
-            arms: std::array::from_fn(|i| self.wrench(bearing_block(i), 5)),
-            rotor: self.wrench(ROTOR_BEARING_BLOCK, 5),
+            arms: std::array::from_fn(|i| self.wrench(ARM + i, 5 * i)),
+            rotor: self.wrench(ROTOR, ROTOR_BEARING),
             sockets: self.socket_forces(),
-            pivot: self.wrench(PIVOT_ON_END_EFFECTOR, 5),
-            upper_hooke: self.wrench(UPPER_HOOKE_ON_TELESCOPE, 4),
-            slide: self.wrench(SLIDE_ON_LOWER, 5),
-            lower_hooke: self.wrench(LOWER_HOOKE_ON_LOWER, 4),
+            pivot: self.wrench(END_EFFECTOR, PIVOT),
+            upper_hooke: self.wrench(TELESCOPE_UPPER, UPPER_HOOKE),
+            slide: self.wrench(TELESCOPE_LOWER, SLIDE),
+            lower_hooke: self.wrench(TELESCOPE_LOWER, LOWER_HOOKE),
         }
     }
 }
@@ -91,6 +99,75 @@ pub(super) fn plant() -> Plant {
     let mut model = irb360();
     model.effects.clear();
     Plant::new(&model, &Setup::default())
+}
+
+/// Robots with four limbs and every kind of plate: two limbs on each carrier, or two of them passive on a rigid one.
+pub(super) fn relatives() -> [Plant; 4] {
+    let hinges = [Vector3::new(0.06, 0.0, 0.0), Vector3::new(-0.06, 0.01, 0.0)];
+    let (main, connecting) = (Vector3::new(0.09, 0.0, 0.0), Vector3::new(0.0, 0.12, 0.0));
+    let plates = [
+        Plate::Par4 { main, connecting },
+        Plate::H4 { hinges },
+        Plate::I4 { azimuth: 0.1, radius: 0.02 },
+        Plate::Rigid,
+    ];
+    plates.map(|plate| {
+        let limb = |(i, (azimuth, offset, x, y)): (usize, (f64, f64, f64, f64))| {
+            let part = usize::from(i > 1 && plate.turns());
+            let mut limb = Limb::at(azimuth);
+            (limb.base_radius, limb.base_offset, limb.pair_distance) = (0.275, offset, 0.1);
+            (limb.arm_length, limb.strut_length) = (0.375 + 0.01 * i as f64, 0.825);
+            (limb.point, limb.part) = (Vector3::new(x, y, 0.01 * i as f64), part);
+            (limb.driven, limb.limits) = (plate.turns() || i < 2, [-1.0, 1.7]);
+            limb
+        };
+        // Two parallel limbs on one bar of H4, else all in different directions.
+        let (half, quarter) = (std::f64::consts::PI, FRAC_PI_2);
+        let at = match plate {
+            Plate::H4 { .. } => [
+                (0.0, 0.0, 0.03, 0.04),
+                (-quarter, 0.14, 0.02, -0.05),
+                (half, 0.0, -0.03, 0.04),
+                (-quarter, -0.14, -0.02, -0.05),
+            ],
+            Plate::Rigid => {
+                [(0.1, 0.0, 0.06, 0.0), (half, 0.0, -0.06, 0.0), (quarter, 0.0, 0.0, 0.05), (-quarter, 0.0, 0.0, -0.05)]
+            }
+            _ => {
+                [(0.8, 0.0, 0.055, 0.02), (2.4, 0.0, -0.055, 0.02), (3.9, 0.0, -0.055, -0.02), (5.5, 0.0, 0.055, -0.02)]
+            }
+        };
+        let limbs: Vec<Limb> = at.into_iter().enumerate().map(limb).collect();
+        let geometry = Geometry { flange_height: -0.03, ..Geometry::new(&limbs, plate) };
+        let mut model = irb360();
+        model.effects.clear();
+        model.mechanism = Mechanism::Delta { telescope: false, arms: Joint::Revolute, members: Members::of(&geometry) };
+        model.geometry = geometry;
+        model.bodies = Bodies([Inertia::ZERO; SLOTS]);
+        for b in (0..SLOTS).filter(|&b| model.mechanism.has_body(b)) {
+            model.bodies[b] = match body_kind(b) {
+                BodyKind::Arm(i) => Inertia::diagonal(1.2 + 0.1 * i as f64, [0.16, 0.0, 0.005], [0.02, 0.115, 0.115]),
+                BodyKind::Strut(_) => Inertia::diagonal(0.12, [0.047, 0.0, 0.0], [1e-5, 0.026, 0.026]),
+                _ => Inertia::diagonal(0.4, [0.001, -0.002, -0.003], [0.001, 0.0012, 0.0014]),
+            };
+        }
+        // The restraint of the spins would turn roundings of rates into accelerations.
+        model.sockets.spin_damping = 0.0;
+        Plant::new(&model, &Setup::default())
+    })
+}
+
+/// A random motion of a relative that its drives can make, with accelerations up to `size` rad/s².
+pub(super) fn drawn(plant: &Plant, rng: &mut ChaCha8Rng, size: f64) -> Motion {
+    loop {
+        let mut draw = |x: f64| std::array::from_fn::<f64, 4, _>(|_| x * rng.random_range(-1.0..1.0));
+        let joints = JointState { q: draw(0.15).map(|q| 0.35 + q), qd: draw(3.0), qdd: draw(size) };
+        let Ok(motion) = plant.motion(&joints) else { continue };
+        let psi = motion.bodies[END_EFFECTOR].rotation[(1, 0)].abs();
+        if psi < 0.7 {
+            return motion;
+        }
+    }
 }
 
 /// Plants with an end effector without inertia, with a payload, with a full tensor, and with unequal links.
@@ -122,8 +199,14 @@ pub(super) fn joints(plant: &Plant, rng: &mut ChaCha8Rng) -> JointState {
     }
 }
 
-pub(super) fn lengths(plant: &Plant) -> [f64; STRUTS] {
-    std::array::from_fn(|s| plant.geometry.strut_length(s))
+/// All rows at a motion with rigid struts.
+pub(super) fn rows_at(plant: &Plant, motion: &Motion, closed: SocketSet) -> (Structure, Rows) {
+    let structure = Structure::new(plant);
+    let mut rows = Rows::new(&structure);
+    let mut lengths = [0.0; MAX_STRUTS];
+    (0..structure.struts).for_each(|s| lengths[s] = plant.geometry.strut_length(s));
+    rows.fill(&structure, &plant.geometry, &lengths, &motion.bodies, closed);
+    (structure, rows)
 }
 
 pub(super) fn vector(rng: &mut ChaCha8Rng, size: f64) -> Vector3<f64> {
@@ -155,11 +238,11 @@ pub(super) fn moved(motion: &Motion, a: &[Pair; SLOTS], h: f64) -> Motion {
     out
 }
 
-pub(super) fn times(rows: &Rows, x: &[Pair; SLOTS]) -> [f64; ROWS] {
-    let mut out = [0.0; ROWS];
-    for b in 0..BODIES {
-        for k in BODY[b]..BODY[b + 1] {
-            out[ROW[k]] += dot(&rows.blocks[k], &six(&x[b]));
+pub(super) fn times((structure, rows): &(Structure, Rows), x: &[Pair; SLOTS]) -> [f64; MAX_ROWS] {
+    let mut out = [0.0; MAX_ROWS];
+    for &b in &structure.bodies {
+        for k in structure.blocks[b].clone() {
+            out[structure.row[k]] += dot(&rows.blocks[k], &six(&x[b]));
         }
     }
     out

@@ -4,8 +4,7 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::{INSTANT, Run};
 use crate::kinematics::Motion;
-use crate::machine::STRUTS;
-use crate::machine::bodies::{END_EFFECTOR, STRUT};
+use crate::machine::bodies::{END_EFFECTOR, strut};
 use crate::numerics::{halvings, try_bisect};
 use crate::twin::Snapshot;
 use crate::twin::contacts::ContactBody;
@@ -281,8 +280,8 @@ fn extrapolated(motion: &Motion, h: f64) -> Motion {
         let turn: Vector3<f64> = body.angular_velocity * h;
         body.rotation = Rotation3::from_scaled_axis(turn).into_inner() * body.rotation;
     }
-    for s in 0..STRUTS {
-        out.strut_axis[s] = out.bodies[STRUT + s].rotation.column(0).into_owned();
+    for s in 0..motion.struts() {
+        out.strut_axis[s] = out.bodies[strut(s)].rotation.column(0).into_owned();
     }
     out
 }

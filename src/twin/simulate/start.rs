@@ -37,9 +37,7 @@ impl<'a> Run<'a> {
         if let Some(s) = (struts..MAX_STRUTS).find(|&s| plant.assembled && fitted(s)) {
             return Err(SimulationError::NoStrut { strut: s + 1, struts });
         }
-        if !plant.is_closed_delta() {
-            possible_in_drives(options, plant.assembled)?;
-        }
+        possible(options, &plant)?;
         let wanted = desired(0.0).joints(&plant.geometry).map_err(trajectory)?;
         let (joints, deflection) = balance(&plant, &wanted).map_err(trajectory)?;
         let motion = plant.motion(&joints).map_err(trajectory)?;
@@ -100,25 +98,23 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Rejects options of the free bodies of a delta robot, and without a platform those of struts.
-fn possible_in_drives(options: &Options, assembled: bool) -> Result<(), SimulationError> {
+/// Rejects options of what a disassembled machine lacks, and multipliers whose rows have no names.
+fn possible(options: &Options, plant: &Plant) -> Result<(), SimulationError> {
     let fitted = &options.sensors;
+    if plant.assembled {
+        return match fitted.multipliers && !plant.is_closed_delta() {
+            true => Err(SimulationError::NotThreeLimbs { what: "multipliers of constraints" }),
+            false => Ok(()),
+        };
+    }
     let struts = fitted.strut_upper.iter().chain(&fitted.strut_lower).any(|s| *s);
-    for (what, asked) in [
+    let missing = [
         ("objects and what a gripper does", !options.objects.is_empty() || !options.actions.is_empty()),
         ("sockets that may leave their balls", options.clamps.is_some_and(|c| c.armed)),
-        ("margins of sockets", fitted.sockets && !assembled),
-        ("strut force sensors", struts && !assembled),
-        ("bodies in absolute coordinates", options.formulation == crate::scenario::Formulation::Absolute && assembled),
-    ] {
-        if asked {
-            return Err(match assembled {
-                true => SimulationError::NotThreeLimbs { what },
-                false => SimulationError::Missing { what },
-            });
-        }
-    }
-    Ok(())
+        ("margins of sockets", fitted.sockets),
+        ("strut force sensors", struts),
+    ];
+    missing.into_iter().find(|(_, asked)| *asked).map_or(Ok(()), |(what, _)| Err(SimulationError::Missing { what }))
 }
 
 /// Contact solver of a run; `None` if contacts are impossible.

@@ -62,6 +62,7 @@ fn count(p: &Parameter) -> String {
     match p.count {
         Count::One => "one".into(),
         Count::PerArm => "one per arm".into(),
+        Count::PerLimb => "one per limb".into(),
         Count::PerStrut => "one per strut".into(),
         Count::PerDrive => "one per drive".into(),
         Count::PerAxis | Count::AllDrives => "one per axis".into(),

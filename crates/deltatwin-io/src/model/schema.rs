@@ -48,7 +48,9 @@ impl Shape {
             Count::PerDrive | Count::AllDrives if machine.has_telescope() => {
                 Shape::Arrays(machine.arms(), machine.axes())
             }
-            Count::PerArm | Count::PerDrive | Count::PerAxis | Count::AllDrives if n == 1 => Shape::OneOrArray(1),
+            Count::PerArm | Count::PerLimb | Count::PerDrive | Count::PerAxis | Count::AllDrives if n == 1 => {
+                Shape::OneOrArray(1)
+            }
             _ => Shape::Array(n),
         }
     }

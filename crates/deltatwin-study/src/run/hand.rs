@@ -3,7 +3,7 @@
 use deltatwin::constraint_forces::{Detail, Loads, Statics, constraint_forces};
 use deltatwin::dynamics::Plant;
 use deltatwin::kinematics::Motion;
-use deltatwin::machine::bodies::{END_EFFECTOR, PLATFORM};
+use deltatwin::machine::bodies::END_EFFECTOR;
 use deltatwin::machine::{ARMS, STRUTS};
 use deltatwin::scenario::DesiredMotion;
 use deltatwin::twin::Sample;
@@ -17,19 +17,19 @@ const SPACING: f64 = 2e-3;
 /// Difference from the estimate that is explained, relative to it.
 const EXPLAINED: f64 = 0.1;
 
-/// Load of the payload on the platform: force (N) and its moment about the centre of the ball plane (N·m).
+/// Load of the payload on the plate: force (N) and its moment about the plate's origin (N·m).
 ///
 /// F = m (g − a) at the centre of mass, and the rate of the spin about the vertical.
 pub fn payload_load(plant: &Plant, motion: &Motion) -> (Vector3<f64>, Vector3<f64>) {
     let payload = &plant.payload;
-    let (hand, platform) = (&motion.bodies[END_EFFECTOR], &motion.bodies[PLATFORM]);
+    let (hand, origin) = (&motion.bodies[END_EFFECTOR], motion.origin(&plant.geometry.plate));
     let lever = hand.rotation * payload.com;
     let (omega, alpha) = (hand.angular_velocity, hand.angular_acceleration);
     let acceleration = hand.acceleration + alpha.cross(&lever) + omega.cross(&omega.cross(&lever));
     let force = (plant.gravity_vector() - acceleration) * payload.mass;
     let tensor = hand.rotation * payload.tensor * hand.rotation.transpose();
     let spin = tensor * alpha + omega.cross(&(tensor * omega));
-    (force, (hand.position + lever - platform.position).cross(&force) - spin)
+    (force, (hand.position + lever - origin).cross(&force) - spin)
 }
 
 /// The estimate for a desired motion of `duration` s, compared with the `trace` of the unlimited twin; `None` without
@@ -52,10 +52,11 @@ pub fn estimate(plant: &Plant, desired: &DesiredMotion, duration: f64, trace: &[
         }
     }
     let force = torque / plant.geometry.limbs[0].pair_distance;
-    let (twin_force, socket, when) = peak(trace);
+    let (twin_force, socket, when) = peak(plant.mechanism.struts(), trace);
     let excess = (force > 0.0).then(|| twin_force / force - 1.0);
     let mut why = String::new();
-    if excess.is_some_and(|e| e.abs() > EXPLAINED)
+    if plant.is_closed_delta()
+        && excess.is_some_and(|e| e.abs() > EXPLAINED)
         && let Some(motion) = at(when)
     {
         why = explained(plant, &motion, (socket, twin_force, when)).unwrap_or_default();
@@ -64,10 +65,10 @@ pub fn estimate(plant: &Plant, desired: &DesiredMotion, duration: f64, trace: &[
 }
 
 /// Largest axial strut force (N), its socket and its time (s).
-fn peak(trace: &[Sample]) -> (f64, usize, f64) {
+fn peak(struts: usize, trace: &[Sample]) -> (f64, usize, f64) {
     let mut most = (0.0, 0, 0.0);
     for sample in trace {
-        let forces = sample.strut_force.iter().flat_map(|end| &end[..STRUTS]);
+        let forces = sample.strut_force.iter().flat_map(|end| &end[..struts]);
         for (socket, force) in forces.enumerate() {
             if force.abs() > most.0 {
                 most = (force.abs(), socket, sample.t);
@@ -77,7 +78,7 @@ fn peak(trace: &[Sample]) -> (f64, usize, f64) {
     most
 }
 
-/// Parts of a strut's force at one instant: what the tilting torque causes there, and what the estimate omits.
+/// Parts of a strut's force at one instant, of three limbs: what the tilting torque causes there, and what the estimate omits.
 fn explained(plant: &Plant, motion: &Motion, (socket, force, time): (usize, f64, f64)) -> Option<String> {
     let strut = socket % STRUTS;
     let statics = Statics::of(plant, motion, Detail::Complete).ok()?;

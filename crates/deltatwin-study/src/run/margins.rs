@@ -5,12 +5,11 @@
 //! Where the real one meets an object or saturates a drive and stays whole, its own loads replace them.
 
 use deltatwin::kinematics::Target;
-use deltatwin::machine::{ARMS, Geometry};
+use deltatwin::machine::Geometry;
 use deltatwin::model::Model;
 use deltatwin::scenario::{DesiredMotion, Supervision};
 use deltatwin::twin::sockets::socket_name;
 use deltatwin::twin::{Clamps, Sample};
-use nalgebra::Vector3;
 
 use super::verdict::{Cause, CauseKind, Margin};
 
@@ -127,16 +126,16 @@ impl Margins {
         }
     }
 
-    /// Takes the reach of the struts along a motion (`duration` in s, every `spacing` s) into account.
+    /// Takes the reach of the struts along a motion (`duration` in s, every `spacing` s) into account, by |cos| of the elbow's
+    /// angle: beyond 1 the strut does not reach its place.
     pub fn reach(&mut self, geometry: &Geometry, motion: &DesiredMotion, duration: f64, spacing: f64) {
         let steps = (duration / spacing).ceil().max(1.0) as usize;
         for k in 0..=steps {
             let t = k as f64 * spacing;
             let Ok(Target::Platform(platform)) = motion.state(t) else { continue };
-            for limb in 0..ARMS {
-                self.see(CauseKind::Workspace, t, 1.0 - reached(geometry, limb, &platform.position), || {
-                    format!("limb {}", limb + 1)
-                });
+            for limb in 0..geometry.limbs.len() {
+                let reached = geometry.elbow_cosine(limb, &platform.position, platform.psi[0]).abs();
+                self.see(CauseKind::Workspace, t, 1.0 - reached, || format!("limb {}", limb + 1));
             }
         }
     }
@@ -150,11 +149,6 @@ fn axis(i: usize) -> String {
 /// Distance of `value` from the nearer of two limits, relative to half of the range; 1 in its middle.
 fn inside(value: f64, [low, high]: [f64; 2]) -> f64 {
     (value - low).min(high - value) / (0.5 * (high - low))
-}
-
-/// |cos| of the elbow's angle at a place: beyond 1 the strut does not reach it.
-fn reached(geometry: &Geometry, limb: usize, position: &Vector3<f64>) -> f64 {
-    geometry.elbow_cosine(limb, position, 0.0).abs()
 }
 
 /// Force to which the margin of a socket is related, N: its own hold, of an empty clamp that of the model.
