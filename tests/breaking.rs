@@ -8,7 +8,7 @@ use deltatwin::machine::bodies::{END_EFFECTOR, SLOTS};
 use deltatwin::machine::{Inertia, Setup};
 use deltatwin::model::Model;
 use deltatwin::recording::{Channel, Recording};
-use deltatwin::scenario::{Course, DesiredMotion, Formulation};
+use deltatwin::scenario::{DesiredMotion, Formulation};
 use deltatwin::twin::{Clamps, EventKind, Options, Report, Torque, Twin, simulate};
 use nalgebra::Vector3;
 
@@ -140,7 +140,8 @@ fn sockets_of_a_relative_leave_their_balls_and_its_drives_trip() {
         let hold = 0.8 * (model(name).sockets.dislocation_force - least(&whole));
         let clamps = Clamps { hold: [hold; MAX_SOCKETS], preload: [1e12; MAX_SOCKETS], share: 0.0, armed: true };
         let (broken, report) = run(name, |options| {
-            (options.clamps, options.contacts) = (Some(clamps), Some(deltatwin_cell::contacts));
+            options.clamps = Some(clamps);
+            options.contacts = Some(deltatwin_cell::contacts);
         });
         let count = |kind: EventKind| report.events.iter().filter(|e| e.kind == kind).count();
         println!(

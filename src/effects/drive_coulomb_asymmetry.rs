@@ -2,7 +2,7 @@
 
 use super::{
     About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches,
-    smooth_sign,
+    as_drive_friction, smooth_sign,
 };
 
 /// Torque τ = −a·tanh²(k q̇) (N·m): raises the Coulomb friction in positive direction by a and lowers it by a in
@@ -30,6 +30,7 @@ static SPEC: Spec = Spec::new(
     PARAMETERS,
 )
 .drive_friction()
+.constants(as_drive_friction)
 .grids(&[&[1.0, 20.0]]);
 
 impl Effect for DriveCoulombAsymmetry {

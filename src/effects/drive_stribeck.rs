@@ -2,7 +2,7 @@
 
 use super::{
     About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches,
-    smooth_sign,
+    as_drive_friction, smooth_sign,
 };
 
 /// Friction torque τ = −F·exp(−(q̇/v_s)²)·tanh(k q̇) at each arm drive; F in N·m, v_s in rad/s, k in s/rad.
@@ -29,7 +29,8 @@ static SPEC: Spec = Spec::new(
     },
     PARAMETERS,
 )
-.drive_friction();
+.drive_friction()
+.constants(as_drive_friction);
 
 impl Effect for DriveStribeck {
     fn spec(&self) -> &Spec {

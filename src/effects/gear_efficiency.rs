@@ -2,7 +2,7 @@
 
 use super::{
     About, Count, Effect, Instant, Parameter, Part, Reads, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches,
-    smooth_sign,
+    as_drive_friction, smooth_sign,
 };
 
 /// Friction torque τ_f = −μ·|τ|·s, s = tanh(k·q̇), at each arm drive, with μ = μ₊ while the drive drives the load (τ·s >
@@ -39,6 +39,7 @@ static SPEC: Spec = Spec::new(
     PARAMETERS,
 )
 .drive_friction()
+.constants(as_drive_friction)
 .reads(Reads { torque: true, ..Reads::MOTION });
 
 impl Effect for GearEfficiency {

@@ -2,7 +2,7 @@
 
 use super::{
     About, Count, Effect, Instant, InternalStates, Parameter, Part, Reads, Role, STEEPNESS_PARAMETER, Spec, Start,
-    Unit, Values, Wrenches, presliding, smooth_sign,
+    Unit, Values, Wrenches, as_drive_friction, presliding, smooth_sign,
 };
 
 /// Friction torque τ = −μ·|τ_drive|·z at each arm drive, with z = tanh(k·q̇), or with the internal state z of [`presliding`]
@@ -52,6 +52,7 @@ static SPEC: Spec = Spec::new(
     PARAMETERS,
 )
 .drive_friction()
+.constants(as_drive_friction)
 .reads(Reads { torque: true, ..Reads::MOTION })
 .starts(&STARTS);
 

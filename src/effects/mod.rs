@@ -205,6 +205,14 @@ pub fn unit_direction(rate: &Vector3<f64>, epsilon: f64) -> Vector3<f64> {
 /// Steepness parameter of the laws that use [`smooth_sign`].
 const STEEPNESS_PARAMETER: Parameter = Parameter::new("steepness", Unit::SPerRad, Role::Fixed, 100.0, (1.0, 1e4));
 
+/// Constants of friction in the drives that the model lacks: it reverses over the same speed as the model's `drive_friction`.
+fn as_drive_friction(parameter: &str, model: &MachineView) -> Option<f64> {
+    let friction = model.effects.iter().find(|a| a.effect.name() == "drive_friction")?;
+    let mut own = friction.entries().into_iter().zip(&friction.values);
+    own.find(|(entry, _)| parameter == STEEPNESS_PARAMETER.name && entry.parameter.name == parameter)
+        .map(|(_, value)| *value)
+}
+
 /// Smooth sign function `tanh(rate·steepness)`, the approximation of Coulomb friction in [Gnad 2024] (100 s/rad in eq.
 /// 48).
 pub fn smooth_sign(rate: f64, steepness: f64) -> f64 {

@@ -2,7 +2,7 @@
 
 use super::{
     About, Count, Effect, Instant, InternalStates, MachineView, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit,
-    Values, Wrenches, smooth_sign,
+    Values, Wrenches, as_drive_friction, smooth_sign,
 };
 use crate::numerics::tanh;
 
@@ -52,7 +52,10 @@ static SPEC: Spec = Spec::new(
 fn constant(parameter: &str, model: &MachineView) -> Option<f64> {
     let stated = model.effects.iter().flat_map(|a| a.entries().into_iter().zip(&a.values));
     let mut stated = stated.filter(|(entry, _)| entry.parameter.name == parameter).map(|(_, value)| *value);
-    (parameter == "saturation_speed").then(|| stated.next().unwrap_or(NONE))
+    match parameter {
+        "saturation_speed" => Some(stated.next().unwrap_or(NONE)),
+        _ => as_drive_friction(parameter, model),
+    }
 }
 
 impl Effect for ThermalFrictionDrift {

@@ -241,7 +241,7 @@ impl Own<'_> {
         }
         let fit = with.as_ref().unwrap_or(&plain);
         let inertia = fit.coefficient(Some(0));
-        let [coulomb, viscous] = fit.friction.map(|place| fit.coefficient(place));
+        let [coulomb, viscous, _] = fit.friction.map(|place| fit.coefficient(place));
         let inertia = self.inertia(inertia, remarks);
         let mut effects = Effects::default();
         let friction = [("coulomb", positive(coulomb)), ("viscous", positive(viscous))];

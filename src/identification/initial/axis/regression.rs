@@ -1,10 +1,13 @@
 //! Linear regression of a single axis's torque, and the steepness of its friction.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::super::PERIOD;
 use crate::effects::smooth_sign;
 use crate::evidence::noise::correlation_time;
+use crate::evidence::whiten::ArFilter;
 use crate::identification::Dataset;
 use crate::identification::least_squares::{LeastSquares, least_squares};
 use crate::machine::{Joint, Mechanism};
@@ -15,12 +18,16 @@ use crate::numerics::deviation;
 /// tried between them.
 const TRANSITION: [f64; 2] = [5e-4, 0.2];
 const GRID: usize = 16;
-/// Twice the logarithm of the likelihood ratio from which a steepness is better than the usual one.
-const CLEARER: f64 = 10.0;
+/// Largest order of the autoregression that whitens what a regression leaves.
+const MEMORY: usize = 12;
+/// Number of times that friction by load is computed anew from the torque that contains it: each leaves the square of its
+/// share, a few percent.
+const ANEW: usize = 2;
 /// Standard deviation of a load, relative to its largest value, from which it varies.
 const VARIES: f64 = 0.02;
 
 /// Series of one regression over several recordings.
+#[derive(Clone)]
 pub(super) struct Series {
     pub rate: Vec<f64>,
     /// Smooth sign of the rate, whose mean is not that of the mean rate.
@@ -31,6 +38,8 @@ pub(super) struct Series {
     pub torque: Vec<f64>,
     /// Known load against positive motion; empty without one.
     pub load: Vec<f64>,
+    /// Size of the torque that a gear transmits, times the smooth sign; empty without friction by load.
+    by_load: Vec<f64>,
     /// Index of the recording of each sample.
     pub recording: Vec<usize>,
     /// Lengths of the segments.
@@ -47,6 +56,7 @@ impl Series {
             angle: Vec::new(),
             torque: Vec::new(),
             load: Vec::new(),
+            by_load: Vec::new(),
             recording: Vec::new(),
             segments: Vec::new(),
         };
@@ -77,6 +87,24 @@ impl Series {
         !self.load.is_empty() && deviation(&self.load) > VARIES * size
     }
 
+    /// The series with friction in proportion to the transmitted torque, that of the regression or the known load, and the
+    /// regression with it; `None` if it is negative.
+    fn with_friction_by_load(&self, first: &Fit, fit: impl Fn(&Self) -> Option<Fit>) -> Option<(Self, Fit)> {
+        let mut series = self.clone();
+        let mut torque = if self.load.is_empty() { first.fitted() } else { self.load.clone() };
+        for _ in 0..ANEW {
+            series.by_load = torque.iter().zip(&self.sign).map(|(torque, sign)| torque.abs() * sign).collect();
+            let found = fit(&series)?;
+            found.friction[2]?;
+            if !self.load.is_empty() {
+                return Some((series, found));
+            }
+            torque = found.fitted();
+        }
+        let found = fit(&series)?;
+        Some((series, found))
+    }
+
     /// The series with the load taken away from the torque.
     pub fn unloaded(mut self) -> Self {
         self.torque.iter_mut().zip(&self.load).for_each(|(torque, load)| *torque -= load);
@@ -85,38 +113,103 @@ impl Series {
     }
 }
 
-/// Steepness of the friction's change of sign by least squares, s/rad; `None` if the recordings do not tell it from
-/// the `usual` one.
+/// Steepness of the friction's change of sign, s/rad; `None` if the recordings do not tell it from the `usual` one.
 ///
-/// It is between the reciprocals of [`TRANSITION`] of the largest speed.
+/// It is estimated with and without friction by load, whose reversals are those of Coulomb friction, and both decide
+/// together. Criterion is Bayes' information of the whitened regression, N·ln σ² + k·ln N with k coefficients: where the residual has
+/// a memory, N samples of it are independent only after whitening. The filter is that of the largest regression that fits
+/// best, one for all. The steepness is between the reciprocals of [`TRANSITION`] of the largest speed.
 pub(super) fn steepness(datasets: &[Dataset], mechanism: Mechanism, usual: f64, max_speed: f64) -> Option<f64> {
     let revolute = mechanism.joint() == Joint::Revolute;
     // Where the travel does not tell gravity from a constant, the fit without it is as good.
     let of = |series: &Series| Fit::of(series, revolute).or_else(|| Fit::of(series, false));
-    let fit = |steepness: f64| of(&Series::of(datasets, steepness));
-    let series = Series::of(datasets, usual);
-    let start = of(&series)?;
-    let independent = series.torque.len() as f64 / start.inflation.powi(2).max(1.0);
-    let cost = |exponent: f64| fit(10f64.powf(exponent)).map_or(f64::INFINITY, |fit| fit.least.mean_square.ln());
-    let [most, least] = TRANSITION.map(|share| (1.0 / (share * max_speed)).log10().clamp(0.0, 4.0));
-    let among = |low: f64, high: f64| {
-        let grid: Vec<f64> = (0..=GRID).map(|k| low + (high - low) * k as f64 / GRID as f64).collect();
-        let costs: Vec<f64> = grid.par_iter().map(|e| cost(*e)).collect();
-        let best = (0..grid.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b])).unwrap_or(0);
-        (grid[best.saturating_sub(1)], grid[best], grid[(best + 1).min(GRID)])
+    let fits = |steepness: f64| {
+        let alone = Series::of(datasets, steepness);
+        let first = of(&alone)?;
+        let by_load = alone.with_friction_by_load(&first, of);
+        Some([(alone, first)].into_iter().chain(by_load).collect::<Vec<_>>())
     };
-    let (before, _, after) = among(least, most);
-    let (_, best, _) = among(before, after);
-    let found = fit(10f64.powf(best))?;
-    let gained = independent * (start.least.mean_square / found.least.mean_square).ln();
-    (found.friction[0].is_some() && gained > CLEARER).then(|| rounded_to(10f64.powf(best), 3))
+    let least =
+        |fits: &[(Series, Fit)]| fits.iter().map(|(_, fit)| fit.least.mean_square).fold(f64::INFINITY, f64::min);
+    let [most, fewest] = TRANSITION.map(|share| (1.0 / (share * max_speed)).log10().clamp(0.0, 4.0));
+    let grid = |low: f64, high: f64| (0..=GRID).map(move |k| 10f64.powf(low + (high - low) * k as f64 / GRID as f64));
+    let among = |low: f64, high: f64| {
+        let steepnesses: Vec<f64> = grid(low, high).collect();
+        steepnesses.into_par_iter().filter_map(|s| Some((s, fits(s)?))).collect::<Vec<_>>()
+    };
+    let coarse = among(fewest, most);
+    let best = coarse.iter().min_by(|a, b| least(&a.1).total_cmp(&least(&b.1)))?;
+    let (series, fit) = best.1.last()?;
+    let filters = Whitener::of(series, fit);
+    let cost = |fits: &[(Series, Fit)]| {
+        let costs =
+            fits.iter().filter_map(|(series, fit)| Some((filters.cost(series, fit)?, fit.friction[0].is_some())));
+        costs.min_by(|a, b| a.0.total_cmp(&b.0))
+    };
+    let cheapest = |all: &[(f64, Vec<(Series, Fit)>)]| {
+        let costs = all.iter().filter_map(|(s, fits)| Some((*s, cost(fits)?)));
+        costs.min_by(|a, b| a.1.0.total_cmp(&b.1.0))
+    };
+    let (near, _) = cheapest(&coarse)?;
+    let step = (most - fewest) / GRID as f64;
+    let fine = among((near.log10() - step).max(fewest), (near.log10() + step).min(most));
+    let (found, (own, has_friction)) = cheapest(&fine)?;
+    let (of_usual, _) = cost(&fits(usual)?)?;
+    // The steepness is one more number.
+    let price = (filters.samples as f64).ln();
+    (has_friction && own + price < of_usual).then(|| rounded_to(found, 3))
+}
+
+/// Whitening filter of a regression's residual, and number of samples it leaves.
+struct Whitener {
+    filter: ArFilter,
+    segments: Vec<Range<usize>>,
+    samples: usize,
+}
+
+impl Whitener {
+    fn of(series: &Series, fit: &Fit) -> Self {
+        let mut end = 0;
+        let segments: Vec<Range<usize>> = series
+            .segments
+            .iter()
+            .map(|n| {
+                end += n;
+                end - n..end
+            })
+            .collect();
+        let filter = ArFilter::fit(&fit.residual(series), &segments, MEMORY);
+        let samples = segments.iter().map(|s| s.len().saturating_sub(filter.order())).sum();
+        Self { filter, segments, samples }
+    }
+
+    fn white(&self, series: &[f64]) -> Vec<f64> {
+        let mut out = vec![0.0; self.samples];
+        let mut rest = &mut out[..];
+        for s in self.segments.iter().filter(|s| s.len() > self.filter.order()) {
+            let (own, others) = rest.split_at_mut(s.len() - self.filter.order());
+            self.filter.apply(series, s.start + self.filter.order()..s.end, own);
+            rest = others;
+        }
+        out
+    }
+
+    /// Bayes' information of a regression after whitening; `None` if too few samples are left, or nothing varies.
+    fn cost(&self, series: &Series, fit: &Fit) -> Option<f64> {
+        let features: Vec<Vec<f64>> = fit.features.iter().map(|f| self.white(f)).collect();
+        let columns: Vec<&[f64]> = features.iter().map(Vec::as_slice).collect();
+        let least = least_squares(&columns, &self.white(&series.torque))?;
+        let n = self.samples as f64;
+        Some(n * least.mean_square.max(f64::MIN_POSITIVE).ln() + columns.len() as f64 * n.ln())
+    }
 }
 
 /// The regression over all recordings.
 pub(super) struct Fit {
     pub least: LeastSquares,
-    /// Indices of the coefficients of Coulomb and viscous friction; `None` without the term.
-    pub friction: [Option<usize>; 2],
+    features: Vec<Vec<f64>>,
+    /// Indices of the coefficients of Coulomb and viscous friction, and of friction by load; `None` without the term.
+    pub friction: [Option<usize>; 3],
     /// Index of the coefficient of the known load; `None` if it does not vary.
     pub load: Option<usize>,
     /// Index of the constant of each recording, the same for all where a varying load is known; `None` where the axis does
@@ -140,11 +233,11 @@ impl Fit {
     }
 
     fn positive(series: &Series, gravity: bool, constant: bool) -> Option<Self> {
-        let mut with = [true, true];
+        let mut with = [true, true, !series.by_load.is_empty()];
         loop {
             let fit = Self::with(series, gravity, constant, with)?;
             let is_negative = |place: &Option<usize>| place.is_some_and(|k| fit.least.beta[k] < 0.0);
-            // Viscous friction first: in one direction at one speed it is told from Coulomb friction worst.
+            // Friction by load first, then viscous friction: in one direction at one speed it is told from Coulomb friction worst.
             match fit.friction.iter().rposition(is_negative) {
                 Some(term) => with[term] = false,
                 None => return Some(fit),
@@ -152,10 +245,11 @@ impl Fit {
         }
     }
 
-    fn with(series: &Series, gravity: bool, constant: bool, friction: [bool; 2]) -> Option<Self> {
+    fn with(series: &Series, gravity: bool, constant: bool, friction: [bool; 3]) -> Option<Self> {
         let count = series.recording.last().map_or(0, |r| r + 1);
         let mut features = vec![series.acceleration.clone()];
-        let friction = [(friction[0], &series.sign), (friction[1], &series.rate)].map(|(is_used, feature)| {
+        let laws = [&series.sign, &series.rate, &series.by_load];
+        let friction = [0, 1, 2].map(|k| (friction[k], laws[k])).map(|(is_used, feature)| {
             is_used.then(|| {
                 features.push(feature.clone());
                 features.len() - 1
@@ -196,26 +290,30 @@ impl Fit {
         }
         let columns: Vec<&[f64]> = features.iter().map(Vec::as_slice).collect();
         let least = least_squares(&columns, &series.torque)?;
-        let fitted = |k: usize| least.beta.iter().zip(&columns).map(|(b, f)| b * f[k]).sum::<f64>();
-        let mut start = 0;
-        let rests: Vec<Vec<f64>> = series
-            .segments
-            .iter()
-            .map(|n| {
-                start += n;
-                (start - n..start).map(|k| series.torque[k] - fitted(k)).collect()
-            })
-            .collect();
-        let inflation = correlation_time(&rests).sqrt();
         let moves = deviation(&series.rate) > 0.0 && deviation(&series.acceleration) > 0.0;
-        (moves && least.beta.iter().all(|b| b.is_finite())).then_some(Self {
-            least,
-            friction,
-            load,
-            constants,
-            sines,
-            inflation,
-        })
+        if !moves || !least.beta.iter().all(|b| b.is_finite()) {
+            return None;
+        }
+        let mut fit = Self { least, features, friction, load, constants, sines, inflation: 1.0 };
+        let residual = fit.residual(series);
+        let mut rest = &residual[..];
+        let rests: Vec<Vec<f64>> =
+            series.segments.iter().filter_map(|n| rest.split_off(..*n)).map(<[f64]>::to_vec).collect();
+        fit.inflation = correlation_time(&rests).sqrt();
+        Some(fit)
+    }
+
+    /// Torque of the regression.
+    fn fitted(&self) -> Vec<f64> {
+        let mut sum = vec![0.0; self.features.first().map_or(0, Vec::len)];
+        for (b, feature) in self.least.beta.iter().zip(&self.features) {
+            sum.iter_mut().zip(feature).for_each(|(sum, x)| *sum += b * x);
+        }
+        sum
+    }
+
+    fn residual(&self, series: &Series) -> Vec<f64> {
+        series.torque.iter().zip(self.fitted()).map(|(torque, fitted)| torque - fitted).collect()
     }
 
     /// Standard error of coefficient `k`.
@@ -243,18 +341,31 @@ impl Fit {
 
 #[cfg(test)]
 mod tests {
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
     use super::*;
     use crate::recording::{Recording, Signals};
 
     /// Friction that reverses over 1/`steepness` along two sines, with steps of 1e-4 N·m as its only noise.
     fn bench(steepness: f64) -> Dataset {
+        loaded(steepness, [0.0; 2], |_| 0.0)
+    }
+
+    /// As [`bench`], with a weight of that torque, N·m, friction in that share of the transmitted torque, and `noise`.
+    fn loaded(steepness: f64, [weight, share]: [f64; 2], mut noise: impl FnMut(usize) -> f64) -> Dataset {
         let mut samples = Vec::new();
         for k in 0..20_000 {
             let t = f64::from(k) * 5e-4;
             let sum = |f: &dyn Fn(f64, f64) -> f64| f(0.8, 2.1) + f(0.2, 7.7);
             let rate = sum(&|a, w| a * w * (w * t).cos());
-            let torque = 0.02 * sum(&|a, w| -a * w * w * (w * t).sin()) + 0.3 * (steepness * rate).tanh() + 0.05 * rate;
-            samples.push([t, sum(&|a, w| a * (w * t).sin()), (torque * 1e4).round() / 1e4]);
+            let (angle, sign) = (sum(&|a, w| a * (w * t).sin()), (steepness * rate).tanh());
+            let acceleration = sum(&|a, w| -a * w * w * (w * t).sin());
+            let own = 0.02 * acceleration + 0.3 * sign + 0.05 * rate + weight * angle.sin();
+            // |τ| = own·sign τ + share·|τ|·sign, and the sign of τ is that of `own`, as the share is below 1.
+            let torque = own / (1.0 - share * sign * own.signum()) + noise(k as usize);
+            samples.push([t, angle, (torque * 1e4).round() / 1e4]);
         }
         let signals = Signals::of_axis(Joint::Revolute, &samples);
         Dataset::new(&Recording { signals, ..Recording::default() })
@@ -269,5 +380,32 @@ mod tests {
         }
         let usual = steepness(&[bench(20.0)], Mechanism::axis(Joint::Revolute), 20.0, 3.3);
         assert_eq!(usual, None, "the usual one is as good");
+    }
+
+    /// Autoregressive noise of 0.08 N·m with a memory of 20 ms, much slower than the reversals.
+    fn slow_noise(seed: u64) -> impl FnMut(usize) -> f64 {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let (mut now, memory) = (0.0, (-5e-4f64 / 0.02).exp());
+        move |_| {
+            let step: f64 = StandardNormal.sample(&mut rng);
+            now = memory * now + 0.08 * (1.0 - memory * memory).sqrt() * step;
+            now
+        }
+    }
+
+    /// Friction by load, 8 % of up to 6 N·m, is larger than Coulomb friction, and reverses as that does.
+    #[test]
+    fn friction_by_load_does_not_hide_how_friction_reverses() {
+        let axis = Mechanism::axis(Joint::Revolute);
+        for (seed, truth) in [(1, 30.0), (2, 45.0), (3, 60.0)] {
+            let found = steepness(&[loaded(truth, [6.0, 0.08], slow_noise(seed))], axis, 600.0, 3.3);
+            let found = found.expect("a steepness");
+            assert!((found / truth - 1.0).abs() < 0.15, "{found} for {truth}");
+        }
+        // A sharp reversal stays sharp.
+        for seed in 4..7 {
+            let found = steepness(&[loaded(600.0, [6.0, 0.08], slow_noise(seed))], axis, 600.0, 3.3);
+            assert!(found.is_none_or(|found| found > 300.0), "{found:?}");
+        }
     }
 }
