@@ -152,6 +152,27 @@ def test_the_page_of_a_run_is_used_by_keyboard(report: Any) -> None:
     assert report.locator(".plot").count() > plots
 
 
+def test_any_signal_is_drawn_over_any_other_by_keyboard(report: Any) -> None:
+    pair = report.locator(".plot.pair")
+    names = [report.get_by_label(f"signal on {axis}") for axis in "yx"]
+    assert names[0].locator("option").count() == names[1].locator("option").count() > 12
+    pictures = set()
+    # A residual over a rate at first; the letter `q` goes from one signal of this name to the next.
+    for keys, label in [("", "residual of "), ("q", "q of axis 1 over "), ("q", "q of axis 2 over ")]:
+        names[0].focus()
+        report.keyboard.type(keys)
+        assert pair.get_attribute("aria-label").startswith(label)
+        pictures.add(pair.locator("canvas").evaluate("e => e.toDataURL()"))
+    assert len(pictures) == 3
+    # A signal over itself is a straight line.
+    names[1].select_option(label="q of axis 2")
+    sync_api.expect(pair).to_contain_text("r 1")
+    for width in WIDTHS.values():
+        report.set_viewport_size({"width": width, "height": 900})
+        sync_api.expect(pair.locator(".u-wrap")).to_be_visible()
+        assert all(n.bounding_box()["x"] + n.bounding_box()["width"] <= width for n in names), width
+
+
 def test_the_page_of_a_run_obeys_its_own_policy(browser: Any, example: Path) -> None:
     page, said = opened(browser, (example / "run" / "report.html").as_uri())
     page.locator("html[data-ready]").wait_for()
