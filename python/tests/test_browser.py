@@ -173,6 +173,30 @@ def test_any_signal_is_drawn_over_any_other_by_keyboard(report: Any) -> None:
         assert all(n.bounding_box()["x"] + n.bounding_box()["width"] <= width for n in names), width
 
 
+def test_the_chosen_time_says_what_is_in_it(report: Any) -> None:
+    report.get_by_role("button", name="what is here?").press("Enter")
+    here = report.get_by_role("region", name="what is in the chosen time")
+
+    def shares() -> list[float]:
+        return [float(text.split(",")[-1].strip(" \u00a0%")) for text in here.locator("td").all_inner_texts()]
+
+    # All of the error lies in the whole recording; parts next to each other have all of it together.
+    assert set(shares()) == {100.0}
+    parts = []
+    t0, t1 = report.evaluate("deltatwin.living()[0].whole")
+    for a, b in [(t0, t0 + 0.3 * (t1 - t0)), (t0 + 0.3 * (t1 - t0), t1)]:
+        report.evaluate("([a, b]) => deltatwin.living()[0].show(a, b)", [a, b])
+        report.wait_for_function("a => document.querySelector('.here p').textContent.includes(deltatwin.digits(a))", arg=a)
+        parts.append(shares())
+    assert all(abs(p + q - 100.0) < 1.0 for p, q in zip(*parts, strict=True)), parts
+    assert any(abs(p - 30.0) > 3.0 for p in parts[0]), parts
+    # Every stage shown has a column.
+    columns = here.locator("thead th").count()
+    press(report, "main", "identified")
+    sync_api.expect(here.locator("thead th")).to_have_count(columns - 1)
+    look(report, "what is here?")
+
+
 def test_the_page_of_a_run_obeys_its_own_policy(browser: Any, example: Path) -> None:
     page, said = opened(browser, (example / "run" / "report.html").as_uri())
     page.locator("html[data-ready]").wait_for()

@@ -79,6 +79,7 @@ impl Signals {
             "time": time,
             "breaks": packed.breaks(dataset),
             "stages": stages.iter().map(|s| s.name).collect::<Vec<_>>(),
+            "roles": stages.iter().map(|s| s.role.class()).collect::<Vec<_>>(),
             "channels": channels,
             "angles": angles,
             "rates": rates,
