@@ -241,6 +241,9 @@ def test_the_loop_in_the_studio_by_keyboard_and_every_stage_on_every_screen(brow
     stages = [("Data", "Check"), ("Check", "Fit"), ("Fit", "Where does it fail?"), ("Where", "Why?")]
     for stage, then in stages:
         sync_api.expect(current).to_have_text(stage)
+        if stage == "Check":
+            # The payload of the example is stated by its setups.
+            sync_api.expect(page.locator("#panel")).to_contain_text("The recordings belong to the model")
         press(page, "main", then)
     found = page.locator(".candidate.found button").first
     found.wait_for(timeout=LONG)
