@@ -61,7 +61,7 @@ SCRIPT = r"""
   const hex = c => c.startsWith("#") ? (c.length === 4 ? [...c.slice(1)].map(d => parseInt(d + d, 16)) : [1, 3, 5].map(k => parseInt(c.slice(k, k + 2), 16))) : parse(c);
   if (css("--quiet")) judge("numbers on the axes", hex(css("--quiet")), paper(), 11, 400, "canvas");
   // Curves need 3 against the paper (1.4.11).
-  for (const name of ["--s0", "--s1", "--s2", "--measured"]) if (css(name)) { const r = ratio(hex(css(name)), paper()); if (r < 3) out.push(`${r.toFixed(2)} | 3 | curve ${name}`); }
+  for (const name of ["--nominal", "--identified", "--earlier", "--added", "--measured", "--noise", "--axis-1", "--axis-2", "--axis-3", "--axis-4"]) if (css(name)) { const r = ratio(hex(css(name)), paper()); if (r < 3) out.push(`${r.toFixed(2)} | 3 | curve ${name}`); }
   return [count, out];
 }
 """

@@ -8,6 +8,7 @@ use deltatwin::effects::Effect;
 use deltatwin::identification::Dataset;
 use deltatwin::model;
 use deltatwin::recording::Channel;
+use deltatwin_report::Role;
 use deltatwin_report::drawing::residual::{self, Stage};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -152,7 +153,10 @@ impl Diagnosis {
 
 /// Residuals of two models over time, as SVG.
 fn pictures(before: &model::Model, after: &model::Model, dataset: &Dataset, noise: &[f64]) -> PyResult<String> {
-    let stages = [Stage { name: "before", model: before }, Stage { name: "after", model: after }];
+    let stages = [
+        Stage { role: Role::Identified, name: "before", model: before },
+        Stage { role: Role::Added, name: "after", model: after },
+    ];
     let figures = residual::figures(&stages, dataset, noise).map_err(|e| PyValueError::new_err(e.to_string()))?;
     Ok(figures.get(1).map_or(String::new(), |(_, figure)| figure.svg().into()))
 }

@@ -9,6 +9,7 @@ use deltatwin::identification::fit::{Fit, FitError, fit_with};
 use deltatwin::identification::{Dataset, HeldOut, NoiseLevel, Residuals};
 use deltatwin::model;
 use deltatwin::recording::Channel;
+use deltatwin_report::Role;
 use deltatwin_report::drawing::residual::{self, Stage};
 use pyo3::prelude::*;
 
@@ -197,7 +198,7 @@ impl Comparison {
     }
 
     fn svg(&self) -> PyResult<String> {
-        let stage = [Stage { name: "model", model: &self.model }];
+        let stage = [Stage { role: Role::Nominal, name: "model", model: &self.model }];
         let figures = residual::figures(&stage, &self.dataset, &self.inner.noise_floor).map_err(|e| failed(&e))?;
         Ok(figures.get(1).map_or(String::new(), |(_, figure)| figure.svg().into()))
     }

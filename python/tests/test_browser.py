@@ -152,6 +152,51 @@ def test_the_page_of_a_run_is_used_by_keyboard(report: Any) -> None:
     assert report.locator(".plot").count() > plots
 
 
+def test_any_signal_is_drawn_over_any_other_by_keyboard(report: Any) -> None:
+    pair = report.locator(".plot.pair")
+    names = [report.get_by_label(f"signal on {axis}") for axis in "yx"]
+    assert names[0].locator("option").count() == names[1].locator("option").count() > 12
+    pictures = set()
+    # A residual over a rate at first; the letter `q` goes from one signal of this name to the next.
+    for keys, label in [("", "residual of "), ("q", "q of axis 1 over "), ("q", "q of axis 2 over ")]:
+        names[0].focus()
+        report.keyboard.type(keys)
+        assert pair.get_attribute("aria-label").startswith(label)
+        pictures.add(pair.locator("canvas").evaluate("e => e.toDataURL()"))
+    assert len(pictures) == 3
+    # A signal over itself is a straight line.
+    names[1].select_option(label="q of axis 2")
+    sync_api.expect(pair).to_contain_text("r 1")
+    for width in WIDTHS.values():
+        report.set_viewport_size({"width": width, "height": 900})
+        sync_api.expect(pair.locator(".u-wrap")).to_be_visible()
+        assert all(n.bounding_box()["x"] + n.bounding_box()["width"] <= width for n in names), width
+
+
+def test_the_chosen_time_says_what_is_in_it(report: Any) -> None:
+    report.get_by_role("button", name="what is here?").press("Enter")
+    here = report.get_by_role("region", name="what is in the chosen time")
+
+    def shares() -> list[float]:
+        return [float(text.split(",")[-1].strip(" \u00a0%")) for text in here.locator("td").all_inner_texts()]
+
+    # All of the error lies in the whole recording; parts next to each other have all of it together.
+    assert set(shares()) == {100.0}
+    parts = []
+    t0, t1 = report.evaluate("deltatwin.living()[0].whole")
+    for a, b in [(t0, t0 + 0.3 * (t1 - t0)), (t0 + 0.3 * (t1 - t0), t1)]:
+        report.evaluate("([a, b]) => deltatwin.living()[0].show(a, b)", [a, b])
+        report.wait_for_function("a => document.querySelector('.here p').textContent.includes(deltatwin.digits(a))", arg=a)
+        parts.append(shares())
+    assert all(abs(p + q - 100.0) < 1.0 for p, q in zip(*parts, strict=True)), parts
+    assert any(abs(p - 30.0) > 3.0 for p in parts[0]), parts
+    # Every stage shown has a column.
+    columns = here.locator("thead th").count()
+    press(report, "main", "identified")
+    sync_api.expect(here.locator("thead th")).to_have_count(columns - 1)
+    look(report, "what is here?")
+
+
 def test_the_page_of_a_run_obeys_its_own_policy(browser: Any, example: Path) -> None:
     page, said = opened(browser, (example / "run" / "report.html").as_uri())
     page.locator("html[data-ready]").wait_for()
@@ -196,6 +241,9 @@ def test_the_loop_in_the_studio_by_keyboard_and_every_stage_on_every_screen(brow
     stages = [("Data", "Check"), ("Check", "Fit"), ("Fit", "Where does it fail?"), ("Where", "Why?")]
     for stage, then in stages:
         sync_api.expect(current).to_have_text(stage)
+        if stage == "Check":
+            # The payload of the example is stated by its setups.
+            sync_api.expect(page.locator("#panel")).to_contain_text("The recordings belong to the model")
         press(page, "main", then)
     found = page.locator(".candidate.found button").first
     found.wait_for(timeout=LONG)

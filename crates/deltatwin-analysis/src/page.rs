@@ -16,7 +16,7 @@ use deltatwin_report::component::parameters::Parameters;
 use deltatwin_report::component::signals::Signals;
 use deltatwin_report::component::{candidates, errors, origin, parameters, signals};
 use deltatwin_report::drawing::residual::Stage;
-use deltatwin_report::{Callout, ErrorGroup, Figure, Report, drawing, falling_error};
+use deltatwin_report::{Callout, ErrorGroup, Figure, Report, Role, drawing, falling_error};
 use nalgebra::DMatrix;
 
 /// Where results come from.
@@ -50,10 +50,12 @@ pub fn of_run(a: &Analysis, model: &Model, data: &Data, origin: &Origin) -> Resu
         page.callout(Callout::Note, &origin.note);
     }
     let stages = stages_of_run(a);
-    let mut models =
-        vec![Stage { name: "delivered", model }, Stage { name: "identified", model: &a.identification.fitted.model }];
+    let mut models = vec![
+        Stage { role: Role::Nominal, name: "delivered", model },
+        Stage { role: Role::Identified, name: "identified", model: &a.identification.fitted.model },
+    ];
     if stages.len() > models.len() {
-        models.push(Stage { name: "effect added", model: &d.model });
+        models.push(Stage { role: Role::Added, name: "effect added", model: &d.model });
     }
     let held_out = !data.held_out.is_empty();
     errors::add(
@@ -66,10 +68,10 @@ pub fn of_run(a: &Analysis, model: &Model, data: &Data, origin: &Origin) -> Resu
     diagnosed(&mut page, d);
     page.anchored("parameters", "Parameters");
     let fitted = &a.identification.fitted.parameters;
-    let mut estimates: Vec<(&str, &[Estimate])> = vec![("identified", fitted)];
+    let mut estimates: Vec<(Role, &str, &[Estimate])> = vec![(Role::Identified, "identified", fitted)];
     let mut covariance = &a.identification.fitted.covariance;
     if !d.effects.is_empty() {
-        estimates.push(("effect added", &d.parameters[1]));
+        estimates.push((Role::Added, "effect added", &d.parameters[1]));
         covariance = &d.covariance;
     }
     parameter_table(&mut page, model, data, &estimates, covariance);
@@ -80,20 +82,22 @@ pub fn of_run(a: &Analysis, model: &Model, data: &Data, origin: &Origin) -> Resu
 }
 
 /// RMS errors of a run at every stage of the model, N·m or N.
-fn stages_of_run(a: &Analysis) -> Vec<(&str, &[f64])> {
+fn stages_of_run(a: &Analysis) -> Vec<(Role, &str, &[f64])> {
     let d = &a.diagnosis;
     let delivered = a.delivered.judged().0;
     let identified = a.identification.judged().0;
-    let mut stages: Vec<(&str, &[f64])> = vec![("delivered", delivered), ("identified", identified)];
+    let mut stages: Vec<(Role, &str, &[f64])> =
+        vec![(Role::Nominal, "delivered", delivered), (Role::Identified, "identified", identified)];
     if !d.effects.is_empty() || d.unexplained.is_some() {
-        stages.push(("effect added", &d.rms_after));
+        stages.push((Role::Added, "effect added", &d.rms_after));
     }
     stages
 }
 
 /// Figure of the RMS errors of a run at every stage of the model, against the noise.
 pub fn errors_figure(a: &Analysis) -> Figure {
-    let (names, errors): (Vec<&str>, Vec<&[f64]>) = stages_of_run(a).into_iter().unzip();
+    let (names, errors): (Vec<(Role, &str)>, Vec<&[f64]>) =
+        stages_of_run(a).into_iter().map(|(role, name, rms)| ((role, name), rms)).unzip();
     let group = |(c, channel): (usize, &Channel)| ErrorGroup {
         name: channel.title(a.diagnosis.model.mechanism),
         values: errors.iter().map(|rms| rms[c]).collect(),
@@ -118,13 +122,13 @@ pub fn of_comparison(
     let mut page = dated(&title, compared_with(data), origin);
     let (rms, noise_floor) = c.judged();
     let held_out = c.held_out.is_some();
-    let mut models = vec![Stage { name: "model", model }];
-    let mut stages: Vec<(&str, &[f64])> = vec![("model", rms)];
+    let mut models = vec![Stage { role: Role::Nominal, name: "model", model }];
+    let mut stages: Vec<(Role, &str, &[f64])> = vec![(Role::Nominal, "model", rms)];
     let judged = if held_out { &data.held_out } else { &data.datasets };
     let other = beside.map(|(_, other)| deltatwin::identification::Residuals::new(other, judged)).transpose()?;
     if let Some(((name, other), left)) = beside.zip(other.as_ref()) {
-        models.push(Stage { name, model: other });
-        stages.push((name, &left.rms));
+        models.push(Stage { role: Role::Added, name, model: other });
+        stages.push((Role::Added, name, &left.rms));
     }
     errors::add(&mut page, &Errors { mechanism: c.mechanism, channels: &c.channels, stages, noise_floor, held_out });
     warnings(&mut page, &origin.warnings, &[]);
@@ -148,17 +152,27 @@ pub fn of_identification(
     let mut page = begin(&format!("{} identified", model.name), data, origin);
     let (rms, noise_floor) = i.judged();
     let delivered = before.judged().0;
-    let stages: Vec<(&str, &[f64])> = vec![("delivered", delivered), ("identified", rms)];
+    let stages: Vec<(Role, &str, &[f64])> =
+        vec![(Role::Nominal, "delivered", delivered), (Role::Identified, "identified", rms)];
     let held_out = i.held_out.is_some();
     errors::add(
         &mut page,
         &Errors { mechanism: i.fitted.model.mechanism, channels: &i.channels, stages, noise_floor, held_out },
     );
     warnings(&mut page, &origin.warnings, &[]);
-    let models = [Stage { name: "delivered", model }, Stage { name: "identified", model: &i.fitted.model }];
+    let models = [
+        Stage { role: Role::Nominal, name: "delivered", model },
+        Stage { role: Role::Identified, name: "identified", model: &i.fitted.model },
+    ];
     residuals(&mut page, &models, data, noise_floor)?;
     page.anchored("parameters", "Parameters");
-    parameter_table(&mut page, model, data, &[("identified", &i.fitted.parameters)], &i.fitted.covariance);
+    parameter_table(
+        &mut page,
+        model,
+        data,
+        &[(Role::Identified, "identified", &i.fitted.parameters)],
+        &i.fitted.covariance,
+    );
     end(&mut page, origin);
     Ok(page)
 }
@@ -170,11 +184,11 @@ pub fn of_identification(
 pub fn of_diagnosis(d: &Diagnosis, model: &Model, data: &Data, origin: &Origin) -> Result<Report, FitError> {
     let mut page = begin(&format!("{}: what is missing", model.name), data, origin);
     headline(&mut page, d);
-    let mut stages: Vec<(&str, &[f64])> = vec![("refitted", &d.rms_before)];
-    let mut models = vec![Stage { name: "as given", model }];
+    let mut stages: Vec<(Role, &str, &[f64])> = vec![(Role::Identified, "refitted", &d.rms_before)];
+    let mut models = vec![Stage { role: Role::Nominal, name: "as given", model }];
     if !d.effects.is_empty() || d.unexplained.is_some() {
-        stages.push(("effect added", &d.rms_after));
-        models.push(Stage { name: "effect added", model: &d.model });
+        stages.push((Role::Added, "effect added", &d.rms_after));
+        models.push(Stage { role: Role::Added, name: "effect added", model: &d.model });
     }
     let held_out = d.budget.held_out;
     errors::add(
@@ -185,7 +199,8 @@ pub fn of_diagnosis(d: &Diagnosis, model: &Model, data: &Data, origin: &Origin) 
     residuals(&mut page, &models, data, &d.noise_floor)?;
     diagnosed(&mut page, d);
     page.anchored("parameters", "Parameters");
-    let estimates: [(&str, &[Estimate]); 2] = [("refitted", &d.parameters[0]), ("effect added", &d.parameters[1])];
+    let estimates: [(Role, &str, &[Estimate]); 2] =
+        [(Role::Identified, "refitted", &d.parameters[0]), (Role::Added, "effect added", &d.parameters[1])];
     parameter_table(&mut page, model, data, &estimates[..if d.effects.is_empty() { 1 } else { 2 }], &d.covariance);
     budget(&mut page, d);
     next(&mut page, d);
@@ -200,7 +215,8 @@ pub fn of_diagnosis(d: &Diagnosis, model: &Model, data: &Data, origin: &Origin) 
 pub fn of_addition(a: &Addition, model: &Model, data: &Data, origin: &Origin) -> Result<Report, FitError> {
     let mut page = begin(&format!("{} with {}", model.name, a.effect), data, origin);
     let b = &a.budget;
-    let stages: Vec<(&str, &[f64])> = vec![("refitted", &b.rms_before), ("effect added", b.rms_after())];
+    let stages: Vec<(Role, &str, &[f64])> =
+        vec![(Role::Identified, "refitted", &b.rms_before), (Role::Added, "effect added", b.rms_after())];
     errors::add(
         &mut page,
         &Errors {
@@ -212,10 +228,16 @@ pub fn of_addition(a: &Addition, model: &Model, data: &Data, origin: &Origin) ->
         },
     );
     warnings(&mut page, &origin.warnings, &[]);
-    let models = [Stage { name: "as given", model }, Stage { name: "effect added", model: &a.fit.model }];
+    let models = [
+        Stage { role: Role::Nominal, name: "as given", model },
+        Stage { role: Role::Added, name: "effect added", model: &a.fit.model },
+    ];
     residuals(&mut page, &models, data, &b.noise_floor)?;
     page.anchored("parameters", "Parameters");
-    let estimates = [("refitted", &a.parameters_before[..]), ("effect added", &a.fit.parameters[..])];
+    let estimates = [
+        (Role::Identified, "refitted", &a.parameters_before[..]),
+        (Role::Added, "effect added", &a.fit.parameters[..]),
+    ];
     parameter_table(&mut page, model, data, &estimates, &a.fit.covariance);
     addition_budget(&mut page, a);
     end(&mut page, origin);
@@ -329,7 +351,7 @@ pub fn parameter_table(
     page: &mut Report,
     model: &Model,
     data: &Data,
-    stages: &[(&str, &[Estimate])],
+    stages: &[(Role, &str, &[Estimate])],
     covariance: &DMatrix<f64>,
 ) {
     let Some(dataset) = data.datasets.first() else { return };

@@ -2,7 +2,6 @@
 "use strict";
 var deltatwin = (() => {
   const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  const STAGE = (s, n) => css(s === 0 ? "--s0" : s === n - 1 ? "--s2" : "--s1");
   // Time over which curves are averaged on request, s.
   const AVERAGE = 0.02;
 
@@ -132,11 +131,11 @@ var deltatwin = (() => {
     };
   }
 
-  // Names of curves with their colours, given as variables of the style.
+  // Names of curves with their colours, given as variables of the style; and the stage of those that can be switched off.
   function keys(parent, entries) {
     const row = element(parent, "p", { class: "keys" });
-    for (const [name, color] of entries) {
-      const key = element(row, "span");
+    for (const [name, color, stage] of entries) {
+      const key = element(row, "span", stage === undefined ? {} : { "data-stage": stage });
       element(key, "i").style.background = `var(${color})`;
       key.append(name);
     }
@@ -187,7 +186,10 @@ var deltatwin = (() => {
         c.pyramids.average = c.pyramids.left.map(p => pyramid(averaged(p[0].low, this.samples, header.breaks)));
       this.average = true;
       this.rates = header.rates.map(r => ({ ...r, pyramid: pyramid(series(bytes, n, r.series)) }));
+      this.angles = header.angles.map(a => ({ ...a, samples: series(bytes, n, a.series) }));
       this.stages = header.stages;
+      // Variables of the style with the colours of the stages.
+      this.colors = header.roles.map(role => `--${role}`);
       this.shown = this.stages.map(() => true);
       this.whole = [this.t[0] || 0, this.t[n - 1] || 1];
       this.window = [...this.whole];
@@ -196,6 +198,7 @@ var deltatwin = (() => {
       const order = this.channels.map((c, k) => k).sort((a, b) => ratio(this.channels[b]) - ratio(this.channels[a]));
       this.visible = this.channels.map((_, k) => order.indexOf(k) < 6);
       this.torques = false;
+      this.asked = false;
       this.worst = order[0] || 0;
       this.charts = [];
       this.build();
@@ -209,25 +212,28 @@ var deltatwin = (() => {
       this.stages.forEach((name, s) => {
         const b = this.toggle(tools, name, () => this.shown[s], on => { this.shown[s] = on; this.stageChanged(); });
         const i = document.createElement("i");
-        i.style.background = `var(${s === 0 ? "--s0" : s === this.stages.length - 1 ? "--s2" : "--s1"})`;
+        i.style.background = `var(${this.colors[s]})`;
         b.prepend(i);
       });
-      this.toggle(tools, `mean of ${(1e3 * AVERAGE).toFixed(0)} ms`, () => this.average, on => { this.average = on; this.rebuild(); });
+      this.toggle(tools, `mean of ${(1e3 * AVERAGE).toFixed(0)} ms`, () => this.average, on => { this.average = on; this.rebuild(); this.drawPair(); });
       this.toggle(tools, "measured and model", () => this.torques, on => { this.torques = on; this.rebuild(); });
-      element(tools, "span", { class: "gap" });
+      this.toggle(tools, "what is here?", () => this.asked, on => { this.asked = on; this.here.hidden = !on; this.drawHere(); });
+      const steps = element(tools, "span", { class: "steps" });
       for (const [text, label, act] of [["◀", "earlier", () => this.pan(-.25)], ["▶", "later", () => this.pan(.25)],
         ["+", "closer", () => this.zoom(.5)], ["−", "wider", () => this.zoom(2)], ["all", "whole recording", () => this.show(...this.whole)]])
-        element(tools, "button", { type: "button", "aria-label": label, title: label }, text).onclick = act;
+        element(steps, "button", { type: "button", "aria-label": label, title: label }, text).onclick = act;
       if (this.channels.length > 1) {
         const choice = element(panels, "div", { class: "choice", role: "group", "aria-label": "channels" });
         this.channels.forEach((c, k) => this.toggle(choice, c.name, () => this.visible[k], on => { this.visible[k] = on; this.rebuild(); }));
       }
       this.over = element(panels, "div", { class: "plot overview" });
+      this.here = element(panels, "div", { class: "here", role: "region", "aria-label": "what is in the chosen time", hidden: "" });
       this.time = element(panels, "div");
       element(panels, "p", { class: "small" },
         "Drag across a chart or the strip above to zoom all of them, double-click for the whole recording; wheel with Ctrl zooms. Keys in a chart: ← → + − 0. Grey: one and two standard deviations of the noise; of a mean, of white noise.");
       this.overview();
       this.rebuild();
+      this.pairPanel(panels);
       if (this.header.places.length) this.placesPanel(panels);
       if (this.header.maps) this.mapsPanel(panels);
     }
@@ -238,16 +244,29 @@ var deltatwin = (() => {
       return b;
     }
 
+    // Legend of what is drawn by stages, with the noise if its band is drawn.
+    keys(plot, noise) {
+      keys(plot, [...this.stages.map((name, s) => [name, this.colors[s], s]), ...(noise > 0 ? [["noise, 1 and 2 std", "--band"]] : [])]);
+      this.hideKeys(plot);
+    }
+    hideKeys(root) {
+      for (const key of root.querySelectorAll("[data-stage]")) key.hidden = !this.shown[key.dataset.stage];
+    }
+
     stageChanged() {
+      this.hideKeys(this.section);
       for (const c of this.charts) if (c.stages) this.shown.forEach((on, s) => c.u.setSeries(c.stages + s, { show: on }));
       this.drawPlaces?.();
+      this.drawPair();
+      this.drawHere();
     }
 
     // -- the strip with the whole recording
     overview() {
       const c = this.channels[this.worst];
-      element(this.over, "h3", {}, `whole recording: ${c.name}`);
-      const n = this.stages.length, colors = this.stages.map((_, s) => () => STAGE(s, n));
+      element(this.over, "h3", {}, `whole recording: residual of ${c.name}`);
+      this.keys(this.over, 0);
+      const colors = this.colors.map(color => () => css(color));
       const data = width => view(this.t, this.header.breaks, c.pyramids.average, ...this.whole, width);
       const made = chart(this.over, {
         height: 92, cursor: { show: false }, scales: { x: { time: false }, y: { range: symmetric } },
@@ -290,22 +309,23 @@ var deltatwin = (() => {
         const noise = this.average ? c.noise / Math.sqrt(this.samples) : c.noise;
         const mean = this.average ? `, of the mean ${digits(noise)}` : "";
         const value = element(title, "small", {}, `noise ${digits(c.noise)} ${c.unit}${mean}`);
-        const series = this.stages.map((name, s) => ({ stroke: () => STAGE(s, n), width: 1, show: this.shown[s], points: { show: false } }));
+        this.keys(plot, noise);
+        const series = this.stages.map((name, s) => ({ stroke: () => css(this.colors[s]), width: 1, show: this.shown[s], points: { show: false } }));
         this.add(plot, value, c, this.average ? c.pyramids.average : c.pyramids.left, { series: [{}, ...series], hooks: noise > 0 ? { drawAxes: [band(noise)] } : {}, scales: { y: { range: symmetric } } },
           `residual / ${c.unit}`, 1);
         if (this.torques) {
           const both = element(this.time, "div", { class: "plot", tabindex: "0", role: "img", "aria-label": `${c.name}, measured and model` });
           const head = element(both, "h3", {}, `${c.name}: measured, and ${this.stages[n - 1]}`);
-          keys(both, [["measured", "--measured"], [this.stages[n - 1], n === 1 ? "--s0" : "--s2"]]);
+          keys(both, [["measured", "--measured"], [this.stages[n - 1], this.colors[n - 1]]]);
           this.add(both, element(head, "small"), c, [c.pyramids.measured, c.pyramids.models[n - 1]], {
-            series: [{}, { stroke: () => css("--measured"), width: 1, points: { show: false } }, { stroke: () => STAGE(n - 1, n), width: 1, points: { show: false } }],
+            series: [{}, { stroke: () => css("--measured"), width: 1, points: { show: false } }, { stroke: () => css(this.colors[n - 1]), width: 1, points: { show: false } }],
           }, c.unit, 0);
         }
       });
       if (this.rates.length) {
         const plot = element(this.time, "div", { class: "plot", tabindex: "0", role: "img", "aria-label": "joint speeds over time" });
         const head = element(plot, "h3", {}, "motion: speeds of the joints");
-        const palette = ["--s1", "--s0", "--s2", "--measured"];
+        const palette = [1, 2, 3, 4].map(k => `--axis-${k}`);
         keys(plot, this.rates.map((r, i) => [r.name, palette[i % 4]]));
         this.add(plot, element(head, "small"), { unit: this.rates[0].unit, names: this.rates.map(r => r.name) }, this.rates.map(r => r.pyramid), {
           height: 138, series: [{}, ...this.rates.map((_, i) => ({ stroke: () => css(palette[i % 4]), width: 1, points: { show: false } }))],
@@ -369,35 +389,159 @@ var deltatwin = (() => {
       this.show(centre - factor * (centre - this.window[0]), centre + factor * (this.window[1] - centre));
     }
     draw() {
-      for (const c of this.charts) {
-        const r = c.box.getBoundingClientRect();
-        // What is far outside the screen is drawn when it comes into sight.
-        c.late = r.bottom < -400 || r.top > innerHeight + 400;
-        if (!c.late) c.u.setData(c.data(c.u.bbox.width));
-      }
+      for (const c of [...this.charts, this.pair]) c.late = true;
+      this.seen();
       this.strip.u.redraw(false);
       this.place();
+      this.drawHere();
     }
+    // What is far outside the screen is drawn when it comes into sight.
     seen() {
-      for (const c of this.charts) {
+      for (const c of [...this.charts, this.pair]) {
         if (!c.late) continue;
         const r = c.box.getBoundingClientRect();
-        if (r.bottom > -400 && r.top < innerHeight + 400) { c.late = false; c.u.setData(c.data(c.u.bbox.width)); }
+        c.late = r.bottom < -400 || r.top > innerHeight + 400;
+        if (!c.late) c === this.pair ? this.drawPair() : c.u.setData(c.data(c.u.bbox.width));
       }
     }
     resize() {
-      for (const c of [...this.charts, this.strip, ...(this.small || [])]) c.u.setSize({ width: c.width(), height: c.u.height });
+      for (const c of [...this.charts, this.strip, this.pair, ...(this.small || [])]) c.u.setSize({ width: c.width(), height: c.u.height });
       this.draw();
     }
     recolor() {
       for (const c of [...this.charts, this.strip, ...(this.small || [])]) c.u.redraw(false);
+      this.pair.late = false;
+      this.drawPair();
       this.drawMaps?.();
+    }
+
+    // -- any signal over any other
+    // All signals by kind; one with a curve per stage names the stages.
+    signals() {
+      const one = (color, samples) => [{ color, samples }];
+      const staged = pyramids => pyramids.map((p, s) => ({ stage: s, color: this.colors[s], samples: p[0].low }));
+      const residual = c => this.average ? c.pyramids.average : c.pyramids.left;
+      const axes = (all, symbol) => all.map(a => ({ name: `${symbol} of ${a.name}`, unit: a.unit, curves: one("--measured", a.samples || a.pyramid[0].low) }));
+      return [
+        ["time", [{ name: "time", unit: "s", curves: one("--measured", this.t) }]],
+        ["residual", this.channels.map(c => ({ name: `residual of ${c.name}`, unit: c.unit, curves: staged(residual(c)) }))],
+        ["angle", axes(this.angles, "q")],
+        ["rate", axes(this.rates, "q̇")],
+        ["measured", this.channels.map(c => ({ name: `${c.name}, measured`, unit: c.unit, curves: one("--measured", c.pyramids.measured[0].low) }))],
+        ["model", this.channels.map(c => ({ name: `${c.name}, model`, unit: c.unit, curves: staged(c.pyramids.models) }))],
+      ];
+    }
+
+    pairPanel(panels) {
+      element(panels, "h3", {}, "Any signal over any other");
+      const choice = element(panels, "div", { class: "choice", role: "group", "aria-label": "signals" });
+      const groups = this.signals(), index = [];
+      groups.forEach(([, all], g) => all.forEach((_, k) => index.push([g, k])));
+      const select = (name, first) => {
+        const own = element(element(choice, "label", {}, `${name} `), "select", { "aria-label": `signal on ${name}` });
+        groups.forEach(([kind, all], g) => {
+          const group = element(own, "optgroup", { label: kind });
+          all.forEach((s, k) => element(group, "option", { value: index.findIndex(([a, b]) => a === g && b === k) }, s.name));
+        });
+        own.value = index.findIndex(([g, k]) => g === first[0] && k === first[1]);
+        own.onchange = () => { labelled(); this.drawPair(); };
+        return own;
+      };
+      // At first the worst residual over the rate of its drive.
+      const drive = this.worst < this.rates.length ? this.worst : 0;
+      const y = select("y", [1, this.worst]), x = select("x", this.rates.length ? [3, drive] : [0, 0]);
+      let lines = false;
+      this.toggle(choice, "lines", () => lines, on => { lines = on; this.drawPair(); });
+      const plot = element(panels, "div", { class: "plot pair", role: "img" }), names = element(plot, "div");
+      const chosen = (all, own) => { const [g, k] = index[+own.value]; return all[g][1][k]; };
+      const labelled = () => plot.setAttribute("aria-label", `${chosen(groups, y).name} over ${chosen(groups, x).name}`);
+      labelled();
+      const range = { x: [0, 1], y: [0, 1] };
+      let curves = [];
+      this.pair = chart(plot, {
+        height: 300, cursor: { show: false }, series: [{}, { paths: () => null, points: { show: false } }],
+        scales: { x: { time: false, range: () => range.x }, y: { range: () => range.y } },
+        axes: [axis(" ", 28), axis(" ", 62)],
+        hooks: { draw: [u => this.drawCurves(u, curves, lines)] },
+      }, [[0, 1], [0, 1]]);
+      element(panels, "p", { class: "small" }, "The samples of the time chosen above; r is the correlation of the two.");
+      this.drawPair = () => {
+        const all = this.signals(), [a, b] = [chosen(all, x), chosen(all, y)];
+        const first = below(this.t, this.window[0]), last = below(this.t, this.window[1] + 1e-9);
+        const cut = c => c.samples.subarray(first, last);
+        // Signals with a curve per stage are drawn stage by stage, over each other too.
+        const at = (s, k) => s.curves[Math.min(k, s.curves.length - 1)];
+        const longer = a.curves.length > b.curves.length ? a : b;
+        curves = longer.curves.map((c, k) => ({ ...c, x: cut(at(a, k)), y: cut(at(b, k)) })).filter(c => c.stage === undefined || this.shown[c.stage]);
+        [a, b].forEach((s, k) => { this.pair.u.axes[k].label = `${s.name} / ${s.unit}`; });
+        range.x = ends(curves.map(c => c.x));
+        range.y = ends(curves.map(c => c.y));
+        names.replaceChildren();
+        keys(names, curves.map(c => [`${c.stage === undefined ? b.name : this.stages[c.stage]}: r ${digits(+correlation(c.x, c.y).toFixed(3))}`, c.color]));
+        this.pair.u.setData([[0, 1], [0, 1]]);
+      };
+      this.pair.late = true;
+      this.seen();
+    }
+
+    drawCurves(u, curves, lines) {
+      const { ctx, bbox } = u, dot = 1.6 * (devicePixelRatio || 1);
+      ctx.save();
+      ctx.beginPath();
+      ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+      ctx.clip();
+      for (const c of curves) {
+        const n = c.x.length, px = k => u.valToPos(c.x[k], "x", true), py = k => u.valToPos(c.y[k], "y", true);
+        ctx.fillStyle = ctx.strokeStyle = css(c.color);
+        ctx.globalAlpha = .65;
+        ctx.lineWidth = dot / 2;
+        ctx.beginPath();
+        if (lines) for (let k = 0; k < n; k++) ctx.lineTo(px(k), py(k));
+        else for (let k = 0; k < n; k++) ctx.rect(px(k) - dot / 2, py(k) - dot / 2, dot, dot);
+        if (lines) ctx.stroke(); else ctx.fill();
+      }
+      ctx.restore();
+    }
+
+    // -- what is in the chosen time
+    // Of every stage shown the RMS residual of every channel in the window, its ratio to the noise, and the share of the
+    // squares of the whole recording that lies there; for all channels squares in units of the noise.
+    drawHere() {
+      if (!this.asked) return;
+      this.sums ??= this.channels.map(c => c.pyramids.left.map(p => {
+        const sums = new Float64Array(this.t.length + 1);
+        for (let k = 0; k < this.t.length; k++) sums[k + 1] = sums[k] + p[0].low[k] ** 2;
+        return sums;
+      }));
+      const n = this.t.length, first = below(this.t, this.window[0]), last = below(this.t, this.window[1] + 1e-9), count = last - first;
+      const percent = x => isFinite(x) ? `${+(100 * x).toPrecision(3)}\u00a0%` : "–";
+      const energy = (c, s, a, b) => this.sums[c][s][b] - this.sums[c][s][a];
+      const shown = this.stages.map((_, s) => s).filter(s => this.shown[s]), noisy = this.channels.map((_, c) => c).filter(c => this.channels[c].noise > 0);
+      const whole = (s, a, b) => noisy.reduce((sum, c) => sum + energy(c, s, a, b) / this.channels[c].noise ** 2, 0);
+      this.here.replaceChildren();
+      element(this.here, "p", {}, `${digits(this.window[0])} to ${digits(this.window[1])} s, ${percent(count / n)} of the samples: RMS residual and the share of the squared residual that lies here.`);
+      if (!count) return;
+      const wide = element(this.here, "div", { class: "wide", tabindex: "0", role: "group", "aria-label": "residuals in the chosen time" });
+      const table = element(wide, "table", { class: "cards" }), head = element(element(table, "thead"), "tr"), body = element(table, "tbody");
+      element(head, "th", {}, "channel");
+      for (const s of shown) keys(element(head, "th"), [[this.stages[s], this.colors[s]]]);
+      const row = (name, cell) => {
+        const tr = element(body, "tr");
+        element(tr, "th", { scope: "row" }, name);
+        for (const s of shown) element(tr, "td", { "data-label": this.stages[s] }, cell(s));
+      };
+      if (noisy.length > 1) row("all", s => `${digits(Math.sqrt(whole(s, first, last) / count / noisy.length))} × noise, ${percent(whole(s, first, last) / whole(s, 0, n))}`);
+      this.channels.forEach((c, k) => row(c.name, s => {
+        const rms = Math.sqrt(energy(k, s, first, last) / count), ratio = c.noise > 0 ? ` = ${digits(+(rms / c.noise).toPrecision(3))}\u00a0×\u00a0noise` : "";
+        return `${digits(+rms.toPrecision(3))} ${c.unit}${ratio}, ${percent(energy(k, s, first, last) / energy(k, s, 0, n))}`;
+      }));
     }
 
     // -- over the motion and frequency
     placesPanel(panels) {
       element(panels, "h3", {}, "Over the motion and frequency");
       const choice = element(panels, "div", { class: "choice", role: "group", "aria-label": "channel" });
+      const legend = element(panels, "div", { class: "plot" });
       const grid = element(panels, "div", { class: "small-plots" });
       let chosen = this.worst;
       const buttons = this.channels.map((c, k) => {
@@ -409,21 +553,23 @@ var deltatwin = (() => {
         for (const c of this.small || []) c.u.destroy();
         this.small = [];
         grid.replaceChildren();
-        const place = this.header.places[chosen], unit = this.channels[chosen].unit, noise = this.channels[chosen].noise, n = this.stages.length;
+        legend.replaceChildren();
+        this.keys(legend, this.channels[chosen].noise);
+        const place = this.header.places[chosen], unit = this.channels[chosen].unit, noise = this.channels[chosen].noise;
         for (const over of place.over) {
           if (!over.x.length) continue;
           const series = [{}], data = [over.x], bands = [];
           over.stages.forEach((s, k) => {
-            const at = data.length, fill = STAGE(k, n) + "30";
+            const at = data.length, fill = css(this.colors[k]) + "30";
             data.push(s.mean.map((m, i) => m === null ? null : m + s.std[i]), s.mean.map((m, i) => m === null ? null : m - s.std[i]), s.mean);
             series.push({ show: this.shown[k], width: 0, points: { show: false } }, { show: this.shown[k], width: 0, points: { show: false } },
-              { show: this.shown[k], stroke: () => STAGE(k, n), width: 2, points: { show: false } });
+              { show: this.shown[k], stroke: () => css(this.colors[k]), width: 2, points: { show: false } });
             bands.push({ series: [at, at + 1], fill });
           });
           this.smallChart(grid, over.label, `residual / ${unit}`, data, series, { bands, hooks: noise > 0 ? { drawAxes: [band(noise)] } : {}, scales: { x: { time: false }, y: { range: symmetric } } });
         }
         if (place.spectrum.x.length) {
-          const lines = place.spectrum.stages.map((_, k) => ({ show: this.shown[k], stroke: () => STAGE(k, n), width: 1.5, points: { show: false } }));
+          const lines = place.spectrum.stages.map((_, k) => ({ show: this.shown[k], stroke: () => css(this.colors[k]), width: 1.5, points: { show: false } }));
           const positive = place.spectrum.stages.map(a => a.map(v => v > 0 ? v : null));
           this.smallChart(grid, "frequency / Hz", `amplitude / ${unit}`, [place.spectrum.x, ...positive], [{}, ...lines], { scales: { x: { time: false, distr: 3, range: () => [place.spectrum.x[0], place.spectrum.x[place.spectrum.x.length - 1]] }, y: { distr: 3 } } });
         }
@@ -507,11 +653,8 @@ var deltatwin = (() => {
     }
   }
 
-  // Colours of pictures on white paper, where they differ on a screen: light, dark.
-  const SHADES = { "#3b3b3b": ["#3b3b3b", "#aab2ba"], "#0072b2": ["#0072b2", "#57b0ea"], "#d55e00": ["#c65500", "#f28a3c"], "#009e73": ["#008060", "#35c79b"],
-    "#cc79a7": ["#b0578a", "#e09cc3"], "#e69f00": ["#a06f00", "#e6b53c"], "#56b4e9": ["#3286bb", "#8fd0f5"], "#9aa3ad": ["#737c86", "#8f99a3"] };
-  const dark = matchMedia("(prefers-color-scheme: dark)");
-  const shade = color => (SHADES[color] || [color, color])[dark.matches ? 1 : 0];
+  // A colour that may be a variable of the style.
+  const shade = color => color.startsWith("var(") ? css(color.slice(4, -1)) : color;
 
   // A figure of curves over a common abscissa, drawn to be zoomed; its picture remains for print.
   class Curves {
@@ -538,7 +681,7 @@ var deltatwin = (() => {
       for (const [name, c] of names.size > 1 ? names : []) {
         const b = element(row, "button", { type: "button", "aria-pressed": true }, name);
         const key = document.createElement("i");
-        key.dataset.color = c.color;
+        key.style.color = c.color;
         if (c.style === "dashed") key.className = "dashed";
         b.prepend(key);
         b.onclick = () => {
@@ -550,12 +693,6 @@ var deltatwin = (() => {
       for (const [text, label, act] of [["◀", "earlier", () => this.pan(-.25)], ["▶", "later", () => this.pan(.25)],
         ["+", "closer", () => this.zoom(.5)], ["−", "wider", () => this.zoom(2)], ["all", "everything", () => this.show(...this.whole)]])
         element(row, "button", { type: "button", "aria-label": label, title: label }, text).onclick = act;
-      this.row = row;
-      this.paint();
-    }
-
-    paint() {
-      for (const key of this.row.querySelectorAll("i")) key.style.color = shade(key.dataset.color);
     }
 
     panel(box, panel, last) {
@@ -611,7 +748,7 @@ var deltatwin = (() => {
       this.show(centre - factor * (centre - this.window[0]), centre + factor * (this.window[1] - centre));
     }
     resize() { for (const c of this.charts) c.u.setSize({ width: c.width(), height: c.u.height }); }
-    recolor() { this.paint(); for (const c of this.charts) c.u.redraw(false); }
+    recolor() { for (const c of this.charts) c.u.redraw(false); }
     seen() {}
   }
 
@@ -620,6 +757,27 @@ var deltatwin = (() => {
     if (low === null || high === null) return [-1, 1];
     const room = high > low ? .06 * (high - low) : .05 * Math.abs(high) || 1;
     return [low - room, high + room];
+  }
+
+  // Range with some room of all numbers of several series.
+  function ends(all) {
+    let low = null, high = null;
+    for (const samples of all) for (const v of samples) {
+      if (low === null || v < low) low = v;
+      if (high === null || v > high) high = v;
+    }
+    return padded(null, low, high);
+  }
+
+  // Pearson's correlation of two series; NaN if one is constant.
+  function correlation(x, y) {
+    let n = 0, mx = 0, my = 0, xx = 0, xy = 0, yy = 0;
+    for (let k = 0; k < x.length; k++) {
+      const dx = x[k] - mx, dy = y[k] - my;
+      n++; mx += dx / n; my += dy / n;
+      xx += dx * (x[k] - mx); xy += dx * (y[k] - my); yy += dy * (y[k] - my);
+    }
+    return xy / Math.sqrt(xx * yy);
   }
 
   // Range of a scale around zero that shows all but single outliers.
@@ -667,6 +825,6 @@ var deltatwin = (() => {
   const paper = on => () => { document.documentElement.classList.toggle("paper", on); living().forEach(s => s.recolor()); };
   addEventListener("beforeprint", paper(true));
   addEventListener("afterprint", paper(false));
-  return { mount, element, digits, living };
+  return { mount, element, digits, keys, living };
 })();
 if (!document.documentElement.dataset.studio) deltatwin.mount(document);

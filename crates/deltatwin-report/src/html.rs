@@ -201,8 +201,9 @@ impl Report {
             "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
              <meta http-equiv=\"Content-Security-Policy\" content=\"{policy}\">\n\
-             <title>{title}</title>\n<style>{CSS}{CURVES_CSS}</style>\n</head>\n<body>\n<main>\n\
+             <title>{title}</title>\n<style>{}</style>\n</head>\n<body>\n<main>\n\
              <header>\n<h1>{title}</h1>\n{subtitle}</header>\n{}</main>\n{licence}{scripts}</body>\n</html>\n",
+            style(),
             self.body
         )
     }
@@ -241,8 +242,12 @@ pub const UPLOT: &str = include_str!("../assets/uplot/uPlot.iife.min.js");
 const UPLOT_LICENCE: &str = include_str!("../assets/uplot/LICENSE");
 /// Reads the data of [`crate::component::signals`] and draws them.
 pub const PAGE: &str = include_str!("../assets/page.js");
-/// Style of the curves and of the components of pages about models.
-pub const CURVES_CSS: &str = concat!(include_str!("../assets/uplot/uPlot.min.css"), include_str!("../assets/page.css"));
+/// Style of every page: palette, texts and tables, curves and the components of pages about models.
+pub fn style() -> String {
+    [&super::figure::style(), CSS, CURVES_CSS].concat()
+}
+
+const CURVES_CSS: &str = concat!(include_str!("../assets/uplot/uPlot.min.css"), include_str!("../assets/page.css"));
 
 /// `text` escaped for an HTML element or a quoted attribute; control characters become spaces.
 pub fn escape(text: &str) -> String {
@@ -281,8 +286,7 @@ fn numeric(text: &str) -> bool {
     text.starts_with(|c: char| c.is_ascii_digit() || c == '.') && text.chars().count() <= 24
 }
 
-/// Style of every page.
-pub const CSS: &str = "
+const CSS: &str = "
 :root { color-scheme: light dark; }
 * { box-sizing: border-box; }
 body { margin: 0; background: #fff; color: #22262b; font: 16px/1.55 system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif; }
@@ -300,10 +304,10 @@ table { border-collapse: collapse; font-size: .93rem; font-variant-numeric: tabu
 th, td { text-align: left; padding: .35rem .9rem .35rem .2rem; border-bottom: 1px solid #e3e6ea; vertical-align: top; }
 th { border-bottom: 2px solid #b4bac1; white-space: nowrap; }
 th.n, td.n { text-align: right; padding: .35rem .2rem .35rem .9rem; white-space: nowrap; }
-.callout { border-left: 4px solid #0072b2; background: #f2f7fb; padding: .7rem 1rem; margin: 1.1rem 0; white-space: pre-line; }
-.callout.good { border-color: #009e73; background: #eff9f6; }
-.callout.warning { border-color: #e69f00; background: #fdf7ea; }
-.callout.bad { border-color: #c0392b; background: #fcf1f0; }
+.callout { border-left: 4px solid var(--quiet); background: var(--soft); padding: .7rem 1rem; margin: 1.1rem 0; white-space: pre-line; }
+.callout.good { border-color: var(--good); background: #f3f8ee; }
+.callout.warning { border-color: var(--amber); background: #fdf7ea; }
+.callout.bad { border-color: var(--bad); background: #fcf1f0; }
 nav { display: flex; flex-wrap: wrap; gap: .3rem 1.1rem; margin: 1rem 0; font-size: .93rem; }
 a { color: #00629b; }
 pre { background: #f4f6f8; padding: .7rem 1rem; white-space: pre-wrap; overflow-wrap: anywhere; font-size: .87rem; line-height: 1.5; }
@@ -332,8 +336,7 @@ table.cards td { padding-right: 1.1rem; }
   a { color: #6cbcf0; }
   pre { background: #1f2429; }
   .subtitle, figcaption, .tiles small, table.cards td::before { color: #a7b0b9; }
-  .callout { background: #16242f; }
-  .callout.good { background: #12291f; }
+  .callout.good { background: #1b2912; }
   .callout.warning { background: #2e2613; }
   .callout.bad { background: #331a17; }
   figure svg :not(text)[fill='#FFFFFF'] { fill: #14171a; }
@@ -341,15 +344,12 @@ table.cards td { padding-right: 1.1rem; }
   figure svg [fill='#22262B'] { fill: #e2e6ea; }
   figure svg [stroke='#22262B'] { stroke: #e2e6ea; }
   figure svg [fill='#5A626B'] { fill: #a7b0b9; }
-  figure svg [stroke='#5A626B'] { stroke: #a7b0b9; }
   figure svg [stroke='#E3E6EA'] { stroke: #2b3138; }
   figure svg [stroke='#F0F2F4'] { stroke: #22272c; }
   figure svg [stroke='#B4BAC1'] { stroke: #57606a; }
   figure svg [fill='#B4BAC1'] { fill: #57606a; }
   figure svg [fill='#3B3B3B'] { fill: #6c747c; }
-  figure svg [stroke='#3B3B3B'] { stroke: #8a9299; }
   figure svg [fill='#0072B2'] { fill: #2079c2; }
-  figure svg [stroke='#0072B2'] { stroke: #2b86d0; }
 }
 @page { margin: 14mm 12mm; }
 @media print {

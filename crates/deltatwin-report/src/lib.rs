@@ -9,8 +9,8 @@ pub mod plan;
 pub mod study;
 
 pub use figure::{
-    Cell, Color, Curve, ErrorGroup, Figure, Marker, Panel, RankRow, Rate, StackedBar, Style, falling_error, matrix,
-    panels, ranking, rates, scatter_binned, spectrum, stacked, time_series,
+    Cell, Color, Curve, ErrorGroup, Figure, Marker, Panel, RankRow, Rate, Role, StackedBar, Style, falling_error,
+    matrix, panels, ranking, rates, scatter_binned, spectrum, stacked, time_series,
 };
 pub use html::{Callout, Report};
 pub use plan::{PlanPage, plan_page};

@@ -2,7 +2,7 @@
 // from the server.
 "use strict";
 (() => {
-  const { element, digits } = deltatwin;
+  const { element, digits, keys } = deltatwin;
   const token = new URLSearchParams(location.search).get("token") || "";
   const $ = id => document.getElementById(id);
   const STEPS = [["data", "Data"], ["check", "Check"], ["fit", "Fit"], ["where", "Where"], ["why", "Why"], ["add", "Add"], ["next", "Next"], ["save", "Save"]];
@@ -104,7 +104,7 @@
     if (!now) { box.replaceChildren(); element(box, "p", { class: "small" }, "Check the recordings to see the error of the model."); return; }
     if (box.children.length !== now.channels.length + 1 || !box.querySelector(".meter")) {
       box.replaceChildren();
-      element(box, "p", { class: "small" });
+      element(box, "div", { class: "small" });
       for (const name of now.channels) {
         const m = element(box, "div", { class: "meter" });
         const s = element(m, "span");
@@ -115,13 +115,15 @@
         element(bar, "u");
       }
     }
+    const own = state.session.versions[current()];
     box.firstChild.textContent = `RMS${now.held_out ? " of held-out recordings" : ""}; dashed: noise`;
+    keys(box.firstChild, [[own.what, `--${own.role}`]]);
     now.channels.forEach((name, c) => {
       const m = box.children[c + 1], top = Math.max(...chain.map(v => v.errors.rms[c]), now.noise_floor[c], 1e-300);
       m.querySelector("em").textContent = `${digits(now.rms[c])} ${now.units[c]}`;
       const i = m.querySelector("i"), ratio = now.rms[c] / now.noise_floor[c];
       requestAnimationFrame(() => { i.style.width = `${100 * now.rms[c] / top}%`; });
-      i.style.background = ratio < 1.15 ? "var(--s2)" : state.chain.length === 1 ? "var(--s0)" : "var(--s1)";
+      i.style.background = `var(--${own.role})`;
       m.querySelector("u").style.left = `${100 * now.noise_floor[c] / top}%`;
       m.title = `${digits(ratio)} × noise`;
     });
@@ -533,7 +535,7 @@
     const ctx = canvas.getContext("2d"), known = stretches.filter(s => s);
     ctx.scale(ratio, ratio);
     const low = Math.min(...known.map(s => s[0])), high = Math.max(...known.map(s => s[1])), span = high - low || 1;
-    ctx.strokeStyle = getComputedStyle(document.documentElement).getPropertyValue("--s1");
+    ctx.strokeStyle = getComputedStyle(document.documentElement).getPropertyValue("--measured");
     ctx.beginPath();
     stretches.forEach((s, k) => {
       if (!s) return;

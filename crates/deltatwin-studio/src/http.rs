@@ -131,7 +131,7 @@ impl Desk {
             ("GET", "/studio.js") => text(SCRIPT, JAVASCRIPT),
             ("GET", "/uplot.js") => text(html::UPLOT, JAVASCRIPT),
             ("GET", "/page.js") => text(html::PAGE, JAVASCRIPT),
-            ("GET", "/studio.css") => text([html::CSS, html::CURVES_CSS, STYLE].concat(), CSS),
+            ("GET", "/studio.css") => text(html::style() + STYLE, CSS),
             ("GET", "/favicon.ico") => refusal(StatusCode::NOT_FOUND, "there is none"),
             #[cfg(feature = "viewer")]
             ("GET", asset) if viewer::is_asset(asset) => viewer::asset(asset),

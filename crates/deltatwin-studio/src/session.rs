@@ -7,6 +7,7 @@ use deltatwin_analysis::Inputs;
 use deltatwin_analysis::folder::{Input, sha256};
 use deltatwin_io::file::replace_text;
 use deltatwin_io::recording::{Mapping, setup};
+use deltatwin_report::Role;
 use miette::{IntoDiagnostic, WrapErr, miette};
 use serde::{Deserialize, Serialize};
 
@@ -126,6 +127,15 @@ impl Version {
     pub fn delivered(file: &str, what: &str) -> Self {
         let (file, what) = (file.into(), what.into());
         Self { file, what, parent: None, command: String::new(), errors: None, known: BTreeMap::new() }
+    }
+
+    /// Stage of the model, by which it is coloured.
+    pub fn role(&self) -> Role {
+        match self.parent {
+            None => Role::Nominal,
+            Some(_) if self.what.starts_with("+ ") => Role::Added,
+            Some(_) => Role::Identified,
+        }
     }
 }
 

@@ -15,9 +15,9 @@ use deltatwin_analysis::{add as added, compare as compared, diagnose as diagnose
 use deltatwin_io::file::replace_text;
 use deltatwin_io::model;
 use deltatwin_io::scenario::write_experiment;
-use deltatwin_report::Report;
 use deltatwin_report::component::checks;
 use deltatwin_report::drawing::residual::Stage as Drawn;
+use deltatwin_report::{Report, Role};
 use miette::IntoDiagnostic;
 use serde_json::{Value, json};
 
@@ -213,7 +213,7 @@ pub(crate) fn fit(task: &Task, job: &Job) -> miette::Result<Outcome> {
     let command = |file: &str| task.command("identify", &[], &["-o", file]);
     let version = task.next("identified".into(), "identified", &command, errors);
     let mut report = Report::new("", "");
-    let estimates = [("identified", &found.fitted.parameters[..])];
+    let estimates = [(Role::Identified, "identified", &found.fitted.parameters[..])];
     page::parameter_table(&mut report, &task.model, &task.data, &estimates, &found.fitted.covariance);
     let count = found.fitted.parameters.iter().filter(|p| p.identified()).count();
     let message = format!(
@@ -248,11 +248,13 @@ pub(crate) fn locate(task: &Task, job: &Job) -> miette::Result<Outcome> {
     let mut models = Vec::new();
     for k in earlier {
         let known = &task.session.versions[k];
-        models.push((known.what.clone(), model::read(&task.folder.join(&known.file))?));
+        models.push((known, model::read(&task.folder.join(&known.file))?));
     }
-    let mut stages: Vec<Drawn> = models.iter().map(|(name, model)| Drawn { name, model }).collect();
-    let what = &task.session.versions[task.version];
-    stages.push(Drawn { name: &what.what, model: &task.model });
+    let own = &task.session.versions[task.version];
+    let role = |version: &Version| if version.role() == own.role() { Role::Earlier } else { version.role() };
+    let drawn = |(version, model)| Drawn { role: role(version), name: &version.what, model };
+    let mut stages: Vec<Drawn> = models.iter().map(|(version, model)| drawn((*version, model))).collect();
+    stages.push(Drawn { role: own.role(), name: &own.what, model: &task.model });
     job.at((0.5, 1.0), "curves");
     let mut report = Report::new("", "");
     page::findings(&mut report, &comparison, "Where the model fails");
@@ -341,7 +343,10 @@ pub(crate) fn add(task: &Task, job: &Job, effect: &str, laws: &[String]) -> miet
     let command = |file: &str| task.command("add", &[effect], &[&terms[..], &["-o", file]].concat());
     let version = task.next(format!("+ {effect}"), effect, &command, errors);
     let mut report = Report::new("", "");
-    let estimates = [("refitted", &a.parameters_before[..]), ("effect added", &a.fit.parameters[..])];
+    let estimates = [
+        (Role::Identified, "refitted", &a.parameters_before[..]),
+        (Role::Added, "effect added", &a.fit.parameters[..]),
+    ];
     page::addition_budget(&mut report, &a);
     page::parameter_table(&mut report, &task.model, &task.data, &estimates, &a.fit.covariance);
     let worst = |rms: &[f64]| {

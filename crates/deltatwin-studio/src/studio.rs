@@ -11,6 +11,7 @@ use deltatwin_analysis::law::TermError;
 use deltatwin_analysis::page::quoted;
 use deltatwin_io::model;
 use deltatwin_io::model::shipped::SHIPPED;
+use deltatwin_io::recording::setup;
 use deltatwin_validation::demo::{EXAMPLE, hide, write_example};
 use miette::{IntoDiagnostic, miette};
 use serde_json::Value;
@@ -271,7 +272,8 @@ impl Studio {
         if job.is_cancelled() {
             return Ok(());
         }
-        for file in [first, second] {
+        // The setups state the payload, so they come before their recordings.
+        for file in [setup::sidecar(&first), setup::sidecar(&second), first, second] {
             let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
             self.take(&name, &mut std::fs::File::open(&file).into_diagnostic()?)?;
         }

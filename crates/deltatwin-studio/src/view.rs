@@ -27,8 +27,10 @@ pub(crate) fn state(studio: &Studio) -> Value {
     for apart in ["kept", "earlier", "left_out"] {
         session[apart].take();
     }
-    for version in session["versions"].as_array_mut().into_iter().flatten() {
+    let versions = session["versions"].as_array_mut().into_iter().flatten();
+    for (version, own) in versions.zip(&inner.session.versions) {
         version["known"].take();
+        version["role"] = own.role().class().into();
     }
     json!({
         "revision": inner.revision,

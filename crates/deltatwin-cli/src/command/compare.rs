@@ -15,6 +15,7 @@ use deltatwin::identification::HeldOut;
 use deltatwin::model::Model;
 use deltatwin_analysis::page;
 use deltatwin_io::model;
+use deltatwin_report::Role;
 use deltatwin_report::drawing::residual::{self, Stage};
 
 /// Show where a model fails to predict recordings.
@@ -87,7 +88,9 @@ fn draw(args: &Args, model: &Model, beside: Option<(&str, &Model)>, data: &Data,
     let (Some(folder), Some(dataset)) = (&args.figure, data.held_out.last().or(data.datasets.last())) else {
         return Ok(());
     };
-    let stages = std::iter::once(("model", model)).chain(beside).map(|(name, model)| Stage { name, model });
+    let stages = std::iter::once((Role::Nominal, ("model", model)))
+        .chain(beside.map(|other| (Role::Added, other)))
+        .map(|(role, (name, model))| Stage { role, name, model });
     std::fs::create_dir_all(folder).into_diagnostic().wrap_err_with(|| folder.display().to_string())?;
     for (name, figure) in residual::figures(&stages.collect::<Vec<_>>(), dataset, noise).into_diagnostic()? {
         write_figure(&folder.join(name.replace(' ', "-")).with_extension("svg"), &figure)?;

@@ -283,7 +283,7 @@ fn draw(model: &Model, motion: &Motion, loads: &Loads) -> deltatwin_report::Figu
     for (channel, values) in &motion.measured {
         let Some(k) = loads.place(*channel) else { continue };
         let measured = Curve::new("measured", motion.t.clone(), values.to_vec()).color(Color::MEASURED);
-        let computed = line(k, "computed").color(Color::MODEL).style(Style::Dashed);
+        let computed = line(k, "computed").color(Color::BLUE).style(Style::Dashed);
         all.push(Panel {
             title: format!("{channel}, measured and computed"),
             y_label: "N".into(),

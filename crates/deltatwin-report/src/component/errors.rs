@@ -6,8 +6,8 @@ use deltatwin::machine::Mechanism;
 use deltatwin::recording::Channel;
 
 use super::number;
-use crate::Report;
 use crate::html::escape;
+use crate::{Report, Role};
 
 /// RMS errors of one channel set at several stages of a model.
 pub struct Errors<'a> {
@@ -15,8 +15,8 @@ pub struct Errors<'a> {
     pub mechanism: Mechanism,
     /// Channels, in the order of the arrays.
     pub channels: &'a [Channel],
-    /// Name and RMS errors, N·m or N, of every stage, the first one first.
-    pub stages: Vec<(&'a str, &'a [f64])>,
+    /// Stage of the model, its name and RMS errors, N·m or N, the first one first.
+    pub stages: Vec<(Role, &'a str, &'a [f64])>,
     /// Standard deviation of the noise, N·m or N.
     pub noise_floor: &'a [f64],
     /// Whether the errors are those of held-out recordings.
@@ -30,7 +30,7 @@ impl Errors<'_> {
             let ratios = rms.iter().zip(self.noise_floor).map(|(r, n)| r / n).filter(|r| r.is_finite());
             ratios.reduce(f64::max)
         };
-        self.stages.iter().map(|(_, rms)| of(rms)).collect()
+        self.stages.iter().map(|(_, _, rms)| of(rms)).collect()
     }
 }
 
@@ -38,16 +38,16 @@ impl Errors<'_> {
 pub fn add(report: &mut Report, errors: &Errors) {
     let mut html = String::from("<div class=\"errors\" role=\"table\" aria-label=\"RMS errors and noise floor\">\n");
     let title = if errors.held_out { "RMS error, held-out recordings" } else { "RMS error" };
-    let _ = writeln!(html, "<p class=\"small\">{title}; the line is the noise floor of the channel.</p>");
+    let _ = writeln!(html, "<p class=\"small\">{title}; dashed: noise floor of the channel.</p>");
     html.push_str("<p class=\"keys\">");
-    for (s, (name, _)) in errors.stages.iter().enumerate() {
-        let _ = write!(html, "<span><i class=\"{}\"></i>{}</span>", stage_class(s, errors.stages.len()), escape(name));
+    for (role, name, _) in &errors.stages {
+        let _ = write!(html, "<span><i class=\"{}\"></i>{}</span>", role.class(), escape(name));
     }
-    html.push_str("</p>\n");
+    html.push_str("<span><i class=\"floor\"></i>noise</span></p>\n");
     for (c, channel) in errors.channels.iter().enumerate() {
         let floor = errors.noise_floor.get(c).copied().unwrap_or(f64::NAN);
         let value = |rms: &[f64]| rms.get(c).copied().unwrap_or(f64::NAN);
-        let all = errors.stages.iter().map(|(_, rms)| value(rms)).chain([floor]);
+        let all = errors.stages.iter().map(|(_, _, rms)| value(rms)).chain([floor]);
         let largest = all.filter(|x| x.is_finite()).fold(f64::MIN_POSITIVE, f64::max);
         let percent = |x: f64| if x.is_finite() { 100.0 * x / largest } else { 0.0 };
         let unit = escape(&channel.unit(errors.mechanism).to_string());
@@ -56,8 +56,8 @@ pub fn add(report: &mut Report, errors: &Errors) {
             "<div class=\"error\" role=\"row\"><b role=\"rowheader\">{}</b><div class=\"bars\">",
             escape(&channel.title(errors.mechanism))
         );
-        for (s, (name, rms)) in errors.stages.iter().enumerate() {
-            let (x, class) = (value(rms), stage_class(s, errors.stages.len()));
+        for (role, name, rms) in &errors.stages {
+            let (x, class) = (value(rms), role.class());
             let times = if floor > 0.0 {
                 format!(" ({} × noise)", deltatwin::text::significant(x / floor, 3))
             } else {
@@ -71,7 +71,7 @@ pub fn add(report: &mut Report, errors: &Errors) {
                 value = number(x),
             );
         }
-        let numbers: Vec<String> = errors.stages.iter().map(|(_, rms)| number(value(rms))).collect();
+        let numbers: Vec<String> = errors.stages.iter().map(|(_, _, rms)| number(value(rms))).collect();
         let _ = writeln!(
             html,
             "<i class=\"floor\" style=\"left:{:.2}%\"></i></div><span class=\"numbers\" role=\"cell\">{} {unit}<small>noise {}</small></span></div>",
@@ -84,15 +84,6 @@ pub fn add(report: &mut Report, errors: &Errors) {
     report.push(html);
 }
 
-/// Class with the colour of stage `s` of `n`: the last of several is the improved one.
-pub(crate) fn stage_class(s: usize, n: usize) -> &'static str {
-    match (s, n) {
-        (0, _) => "stage-0",
-        (s, n) if s + 1 == n => "stage-last",
-        _ => "stage-1",
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -103,7 +94,7 @@ mod tests {
         let errors = Errors {
             mechanism: Mechanism::default(),
             channels: &[Channel::Torque(0)],
-            stages: vec![("before", &[2.0]), ("after", &[0.5])],
+            stages: vec![(Role::Nominal, "before", &[2.0]), (Role::Added, "after", &[0.5])],
             noise_floor: &[0.4],
             held_out: true,
         };

@@ -9,14 +9,14 @@ use nalgebra::DMatrix;
 
 use super::number;
 use crate::html::{escape, wide};
-use crate::{Cell, Color, Report, matrix};
+use crate::{Cell, Color, Report, Role, matrix};
 
 /// Parameters of a model at several stages.
 pub struct Parameters<'a> {
     /// Those of the delivered model.
     pub prior: &'a ParamTable,
-    /// Name and estimates of every stage.
-    pub stages: &'a [(&'a str, &'a [Estimate])],
+    /// Stage of the model, its name and estimates.
+    pub stages: &'a [(Role, &'a str, &'a [Estimate])],
     /// Covariance of the last stage's estimates, in natural units.
     pub covariance: &'a DMatrix<f64>,
 }
@@ -25,21 +25,22 @@ pub struct Parameters<'a> {
 /// standard errors, and these as intervals on a common axis per parameter; and the correlation of the last estimates.
 pub fn add(report: &mut Report, parameters: &Parameters) {
     let Parameters { prior, stages, covariance } = parameters;
-    let Some((last_name, last)) = stages.last() else { return };
+    let Some((_, last_name, last)) = stages.last() else { return };
     let values = prior.values();
     let mut html = wide("parameters") + "<table class=\"parameters cards\"><thead><tr><th>parameter</th>";
-    for (name, _) in *stages {
+    for (_, name, _) in *stages {
         let _ = write!(html, "<th class=\"n\">{}</th>", escape(name));
     }
     html.push_str("<th class=\"n\">model</th><th>unit</th><th>± 2 std, dashed: model</th></tr></thead><tbody>\n");
     for p in last.iter().filter(|p| p.identified()) {
         let own = prior.index(p.param).map(|i| values[i]);
         let of = |estimates: &&[Estimate]| estimates.iter().find(|e| e.param == p.param && e.identified()).cloned();
-        let all: Vec<Option<Estimate>> = stages.iter().map(|(_, estimates)| of(estimates)).collect();
+        let all: Vec<(Role, Option<Estimate>)> =
+            stages.iter().map(|(role, _, estimates)| (*role, of(estimates))).collect();
         let (effect, name) = p.name.split_once('.').unwrap_or(("", &p.name));
         let _ =
             write!(html, "<tr><th scope=\"row\"><small>{}</small> <code>{}</code></th>", broken(effect), broken(name));
-        for ((stage, _), estimate) in stages.iter().zip(&all) {
+        for ((_, stage, _), (_, estimate)) in stages.iter().zip(&all) {
             let text = estimate.as_ref().map_or("–".into(), text);
             let _ = write!(html, "<td class=\"n\" data-label=\"{}\">{text}</td>", escape(stage));
         }
@@ -79,8 +80,8 @@ pub fn text(estimate: &Estimate) -> String {
 const CORRELATED: f64 = 0.5;
 const MOST: usize = 20;
 /// Colours of positive and negative correlations.
-const ALIKE: Color = Color::CYCLE[5];
-const OPPOSED: Color = Color::CYCLE[4];
+const ALIKE: Color = Color::SKY;
+const OPPOSED: Color = Color::OCHRE;
 
 /// Adds the correlations of the `estimates` of a `stage` that are at least [`CORRELATED`] with another one.
 fn correlation(report: &mut Report, stage: &str, estimates: &[Estimate], covariance: &DMatrix<f64>) {
@@ -123,11 +124,11 @@ fn short(name: &str) -> String {
 const SIZE: (f64, f64) = (150.0, 22.0);
 
 /// The prior value as a tick and the estimates as intervals of two standard errors, as an SVG element.
-fn intervals(prior: Option<f64>, stages: &[Option<Estimate>]) -> String {
+fn intervals(prior: Option<f64>, stages: &[(Role, Option<Estimate>)]) -> String {
     let (width, height) = SIZE;
     // The standard error at a bound is none of the value there.
     let reach = |e: &Estimate| if e.bound().is_some() { 0.0 } else { 2.0 * e.std };
-    let ends = stages.iter().flatten().flat_map(|e| [e.value - reach(e), e.value + reach(e)]);
+    let ends = stages.iter().filter_map(|(_, e)| e.as_ref()).flat_map(|e| [e.value - reach(e), e.value + reach(e)]);
     let all: Vec<f64> = ends.chain(prior).filter(|x| x.is_finite()).collect();
     let (low, high) = all.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
     if low > high {
@@ -143,10 +144,10 @@ fn intervals(prior: Option<f64>, stages: &[Option<Estimate>]) -> String {
         let _ = write!(svg, "<line class=\"prior\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"1\" y2=\"{:.1}\"/>", height - 1.0);
     }
     let n = stages.len();
-    for (s, estimate) in stages.iter().enumerate() {
+    for (s, (role, estimate)) in stages.iter().enumerate() {
         let Some(e) = estimate else { continue };
         let y = height * (s as f64 + 1.0) / (n as f64 + 1.0);
-        let class = if s + 1 == n && n > 1 { "stage-last" } else { "stage-1" };
+        let class = role.class();
         let (a, b, x) = (at(e.value - reach(e)), at(e.value + reach(e)), at(e.value));
         let _ = write!(
             svg,
@@ -177,7 +178,14 @@ mod tests {
     fn page(values: &[(f64, f64)], covariance: &DMatrix<f64>) -> String {
         let mut report = Report::new("t", "");
         let own = estimates(values);
-        add(&mut report, &Parameters { prior: &ParamTable::default(), stages: &[("identified", &own)], covariance });
+        add(
+            &mut report,
+            &Parameters {
+                prior: &ParamTable::default(),
+                stages: &[(Role::Identified, "identified", &own)],
+                covariance,
+            },
+        );
         report.render()
     }
 

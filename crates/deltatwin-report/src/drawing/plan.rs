@@ -25,7 +25,7 @@ fn limit(t: &[f64], value: f64, label: &str) -> Vec<Line> {
 pub fn path(curve: &Curve) -> Figure {
     let s: Vec<f64> = (0..=400).map(|k| curve.end() * f64::from(k) / 400.0).collect();
     let of = |i: usize| -> Vec<f64> { s.iter().map(|s| curve.at(*s)[0][i]).collect() };
-    let line = |i: usize| vec![Line::new("", s.clone(), of(i)).color(Color::MODEL)];
+    let line = |i: usize| vec![Line::new("", s.clone(), of(i)).color(Color::BLUE)];
     panels(
         "Path",
         "s",
@@ -43,8 +43,8 @@ pub fn speed(plan: &Plan) -> Figure {
         "s",
         "ṡ² / s⁻²",
         &[
-            Line::new("maximum velocity curve", plan.mvc.iter().map(|p| p[0]).collect(), mvc).color(Color::RESIDUAL),
-            Line::new("plan", s, z).color(Color::MODEL),
+            Line::new("maximum velocity curve", plan.mvc.iter().map(|p| p[0]).collect(), mvc).color(Color::VERMILION),
+            Line::new("plan", s, z).color(Color::BLUE),
         ],
     )
 }
@@ -90,8 +90,8 @@ pub fn execution(planned: &Recording, execution: &Execution) -> [Figure; 3] {
     let (want, got) = (&planned.signals, &execution.recording.signals);
     let pair = |a: (Vec<f64>, Vec<f64>), b: (Vec<f64>, Vec<f64>)| {
         vec![
-            Line::new("planned", a.0, a.1).color(Color::MODEL),
-            Line::new("executed", b.0, b.1).color(Color::RESIDUAL).style(Style::Dashed),
+            Line::new("planned", a.0, a.1).color(Color::BLUE),
+            Line::new("executed", b.0, b.1).color(Color::VERMILION).style(Style::Dashed),
         ]
     };
     let tau = |s: &Signals, i: usize| (s.t.clone(), s[Channel::Torque(i)].to_vec());

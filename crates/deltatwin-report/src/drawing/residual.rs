@@ -4,10 +4,12 @@ use deltatwin::identification::{Dataset, FitError, Residuals, predict};
 use deltatwin::model::Model;
 use deltatwin::recording::Channel;
 
-use crate::{Color, Curve, Figure, Panel, Style, panels, scatter_binned, spectrum};
+use crate::{Color, Curve, Figure, Panel, Role, Style, panels, scatter_binned, spectrum};
 
 /// A model under a name; several of them are stages of the same machine's model.
 pub struct Stage<'a> {
+    /// Which stage it is, and with that its colour.
+    pub role: Role,
     /// Name in the legends.
     pub name: &'a str,
     /// The model.
@@ -37,7 +39,7 @@ pub fn figures(stages: &[Stage], dataset: &Dataset, noise: &[f64]) -> Result<Vec
     let series = |stage: usize, channel: usize| left[stage].series[0][channel].clone();
     let drawn = Drawn { stages, dataset, noise };
     let mut figures =
-        vec![("measured".to_string(), drawn.torques(&predicted)), ("left".into(), drawn.over_time(&series))];
+        vec![("measured".to_string(), drawn.torques(last, &predicted)), ("left".into(), drawn.over_time(&series))];
     for (c, &channel) in dataset.channels.iter().enumerate() {
         let Some(axis) = channel.drive().filter(|_| left[0].rms[c] > ABOVE * noise[c]) else { continue };
         let of = |f: &dyn Fn(usize) -> f64| (0..dataset.len()).map(f).collect::<Vec<f64>>();
@@ -63,14 +65,6 @@ struct Drawn<'a> {
 type Series<'a> = &'a dyn Fn(usize, usize) -> Vec<f64>;
 
 impl Drawn<'_> {
-    fn color(&self, stage: usize) -> Color {
-        match (stage, self.stages.len()) {
-            (0, _) => Color::RESIDUAL,
-            (s, n) if s + 1 == n => Color::IMPROVED,
-            (s, _) => Color::CYCLE[(s + 2) % Color::CYCLE.len()],
-        }
-    }
-
     fn panels(&self, title: &str, curves: impl Fn(usize) -> Vec<Curve>) -> Figure {
         let panel = |(c, channel): (usize, &Channel)| Panel {
             title: channel.title(self.dataset.mechanism),
@@ -81,12 +75,12 @@ impl Drawn<'_> {
         panels(title, "time / s", &all)
     }
 
-    fn torques(&self, predicted: &[Vec<f64>]) -> Figure {
+    fn torques(&self, last: &Stage, predicted: &[Vec<f64>]) -> Figure {
         let t = &self.dataset.t;
         self.panels("Measured and predicted", |c| {
             vec![
                 Curve::new("measured", t.clone(), self.dataset.measured[c].to_vec()).color(Color::MEASURED),
-                Curve::new("model", t.clone(), predicted[c].clone()).color(Color::MODEL).style(Style::Thin),
+                Curve::new(last.name, t.clone(), predicted[c].clone()).color(last.role.color()).style(Style::Thin),
             ]
         })
     }
@@ -96,19 +90,19 @@ impl Drawn<'_> {
         let ends: Vec<f64> = t.first().into_iter().chain(t.last()).copied().collect();
         self.panels("What is left", |c| {
             let one = |(s, stage): (usize, &Stage)| {
-                Curve::new(stage.name, t.clone(), left(s, c)).color(self.color(s)).style(Style::Thin)
+                Curve::new(stage.name, t.clone(), left(s, c)).color(stage.role.color()).style(Style::Thin)
             };
             let mut curves: Vec<Curve> = self.stages.iter().enumerate().map(one).collect();
             for side in [-1.0, 1.0] {
                 let band = vec![side * self.noise[c]; ends.len()];
-                curves.push(Curve::new("noise", ends.clone(), band).color(Color::MEASURED).style(Style::Dashed));
+                curves.push(Curve::new("noise", ends.clone(), band).color(Color::NOISE).style(Style::Dashed));
             }
             curves
         })
     }
 
     fn over(&self, c: usize, channel: Channel, (label, x): (&str, Vec<f64>), left: Series) -> Figure {
-        let one = |(s, stage): (usize, &Stage)| Curve::new(stage.name, x.clone(), left(s, c)).color(self.color(s));
+        let one = |(s, stage): (usize, &Stage)| Curve::new(stage.name, x.clone(), left(s, c)).color(stage.role.color());
         let curves: Vec<Curve> = self.stages.iter().enumerate().map(one).collect();
         let title = format!("Residual of {}", channel.title(self.dataset.mechanism));
         scatter_binned(&title, label, &format!("residual / {}", channel.unit(self.dataset.mechanism)), &curves, BINS)
@@ -119,7 +113,7 @@ impl Drawn<'_> {
         let one = |(s, stage): (usize, &Stage)| {
             let (frequency, amplitude) =
                 amplitude_spectrum(&left(s, c)[longest.clone()], self.dataset.period(&longest));
-            Curve::new(stage.name, frequency, amplitude).color(self.color(s))
+            Curve::new(stage.name, frequency, amplitude).color(stage.role.color())
         };
         let curves: Vec<Curve> = self.stages.iter().enumerate().map(one).collect();
         let title = format!("Residual of {}", channel.title(self.dataset.mechanism));

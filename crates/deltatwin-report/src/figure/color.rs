@@ -1,4 +1,7 @@
-//! Palette for colour-blind readers.
+//! Palette for colour-blind readers. What is measured, the stages of a model and the noise have the same colours in all
+//! pictures and on all pages; page and studio get them as variables of their style.
+
+use std::fmt::Write as _;
 
 /// An sRGB colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -14,14 +17,22 @@ pub struct Color(
 impl Color {
     /// Near-black, for measurements.
     pub const MEASURED: Color = Color(0x3b, 0x3b, 0x3b);
-    /// Blue, for the model.
-    pub const MODEL: Color = Color(0x00, 0x72, 0xb2);
-    /// Vermilion, for the residual.
-    pub const RESIDUAL: Color = Color(0xd5, 0x5e, 0x00);
-    /// Green, for the improved state.
-    pub const IMPROVED: Color = Color(0x00, 0x9e, 0x73);
+    /// Blue; of a model the identified one.
+    pub const BLUE: Color = Color(0x00, 0x72, 0xb2);
+    /// Vermilion; of a model the nominal one.
+    pub const VERMILION: Color = Color(0xd5, 0x5e, 0x00);
+    /// Green; of a model the one with an effect added.
+    pub const GREEN: Color = Color(0x00, 0x9e, 0x73);
+    /// Purple; of a model an earlier version.
+    pub const PURPLE: Color = Color(0xcc, 0x79, 0xa7);
+    /// Ochre, for what is open.
+    pub const OCHRE: Color = Color(0xe6, 0x9f, 0x00);
+    /// Light blue.
+    pub const SKY: Color = Color(0x56, 0xb4, 0xe9);
     /// Grey, for background elements.
     pub const MUTED: Color = Color(0x9a, 0xa3, 0xad);
+    /// Dark grey, for the noise.
+    pub const NOISE: Color = QUIET;
 
     /// Relative luminance after WCAG 2.2.
     fn luminance(self) -> f64 {
@@ -50,16 +61,85 @@ impl Color {
     }
 
     /// Colours assigned in turn to curves without one, distinguishable for colour-blind readers.
-    pub const CYCLE: [Color; 7] = [
-        Color(0x00, 0x72, 0xb2),
-        Color(0xd5, 0x5e, 0x00),
-        Color(0x00, 0x9e, 0x73),
-        Color(0xcc, 0x79, 0xa7),
-        Color(0xe6, 0x9f, 0x00),
-        Color(0x56, 0xb4, 0xe9),
-        Color(0x3b, 0x3b, 0x3b),
-    ];
+    pub const CYCLE: [Color; 7] =
+        [Self::BLUE, Self::VERMILION, Self::GREEN, Self::PURPLE, Self::OCHRE, Self::SKY, Self::MEASURED];
+
+    /// Variable of a page's style with this colour; `None` if it has none.
+    pub(super) fn variable(self) -> Option<&'static str> {
+        SHADES.iter().find(|s| s.paper == self).map(|s| s.name)
+    }
 }
+
+/// Stage of a model, which has the same colour in all pictures and on all pages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// As delivered, before anything was fitted.
+    Nominal,
+    /// With identified parameters.
+    Identified,
+    /// An earlier version, next to one of the same kind.
+    Earlier,
+    /// With an effect added.
+    Added,
+}
+
+impl Role {
+    /// Its colour on paper.
+    pub fn color(self) -> Color {
+        match self {
+            Self::Nominal => Color::VERMILION,
+            Self::Identified => Color::BLUE,
+            Self::Earlier => Color::PURPLE,
+            Self::Added => Color::GREEN,
+        }
+    }
+
+    /// Class and variable of the style with its colour.
+    pub fn class(self) -> &'static str {
+        self.color().variable().unwrap_or_default()
+    }
+}
+
+/// A colour of a page: on paper, and on a light and a dark screen, where it has a contrast of 3 with the ground.
+struct Shade {
+    name: &'static str,
+    paper: Color,
+    light: Color,
+    dark: Color,
+}
+
+const fn shade(name: &'static str, paper: Color, light: u32, dark: u32) -> Shade {
+    const fn rgb(x: u32) -> Color {
+        Color((x >> 16) as u8, (x >> 8) as u8, x as u8)
+    }
+    Shade { name, paper, light: rgb(light), dark: rgb(dark) }
+}
+
+const SHADES: [Shade; 9] = [
+    shade("measured", Color::MEASURED, 0x3b_3b3b, 0xaa_b2ba),
+    shade("nominal", Color::VERMILION, 0xc6_5500, 0xf2_8a3c),
+    shade("identified", Color::BLUE, 0x00_72b2, 0x57_b0ea),
+    shade("earlier", Color::PURPLE, 0xb0_578a, 0xe0_9cc3),
+    shade("added", Color::GREEN, 0x00_8060, 0x35_c79b),
+    shade("noise", Color::NOISE, 0x5a_626b, 0xa7_b0b9),
+    shade("ochre", Color::OCHRE, 0xa0_6f00, 0xe6_b53c),
+    shade("sky", Color::SKY, 0x32_86bb, 0x8f_d0f5),
+    shade("muted", Color::MUTED, 0x73_7c86, 0x8f_99a3),
+];
+
+/// The palette as variables of a page's style, `--measured` and so on; on a dark screen lines of pictures have them, too.
+pub(crate) fn style() -> String {
+    let variables = |of: fn(&Shade) -> Color| SHADES.iter().map(move |s| format!(" --{}: {};", s.name, of(s).hex()));
+    let mut css = format!(":root {{{} }}\n", variables(|s| s.light).collect::<String>());
+    let dark: String = variables(|s| s.dark).collect();
+    let _ = writeln!(css, "@media screen and (prefers-color-scheme: dark) {{\n  :root:not(.paper) {{{dark} }}");
+    for s in &SHADES {
+        let _ =
+            writeln!(css, "  figure svg [stroke='{}'] {{ stroke: var(--{}); }}", s.paper.hex().to_uppercase(), s.name);
+    }
+    css + "}\n"
+}
+
 /// Ink on a colour, which a dark page leaves as it is, unlike [`TEXT`].
 pub(super) const BLACK: Color = Color(0x0d, 0x0d, 0x0d);
 pub(super) const TEXT: Color = Color(0x22, 0x26, 0x2b);
@@ -74,6 +154,23 @@ mod tests {
     use super::*;
 
     #[test]
+    fn stages_have_colours_of_their_own_that_are_seen_on_every_ground() {
+        let roles = [Role::Nominal, Role::Identified, Role::Earlier, Role::Added];
+        let names: Vec<&str> = roles.iter().map(|r| r.class()).collect();
+        assert_eq!(names, ["nominal", "identified", "earlier", "added"]);
+        let contrast = |a: Color, b: Color| {
+            let (a, b) = (a.luminance() + 0.05, b.luminance() + 0.05);
+            a.max(b) / a.min(b)
+        };
+        for s in &SHADES {
+            assert!(contrast(s.light, WHITE) >= 3.0 && contrast(s.dark, Color(0x14, 0x17, 0x1a)) >= 3.0, "{}", s.name);
+        }
+        let css = style();
+        assert!(css.starts_with(":root { --measured: #3b3b3b; --nominal: #c65500;"), "{css}");
+        assert!(css.contains("figure svg [stroke='#D55E00'] { stroke: var(--nominal); }"), "{css}");
+    }
+
+    #[test]
     fn the_ink_on_every_colour_has_the_contrast_for_small_text() {
         let contrast = |a: Color, b: Color| {
             let (a, b) = (a.luminance() + 0.05, b.luminance() + 0.05);
@@ -82,7 +179,7 @@ mod tests {
         // The examples of WCAG: black on white 21, #777 on white 4.48.
         assert!((contrast(Color(0, 0, 0), WHITE) - 21.0).abs() < 1e-9);
         assert!((contrast(Color(0x77, 0x77, 0x77), WHITE) - 4.48).abs() < 0.005);
-        for color in Color::CYCLE.into_iter().chain([Color::MUTED, Color::MODEL, Color::IMPROVED, Color::RESIDUAL]) {
+        for color in Color::CYCLE.into_iter().chain([Color::MUTED]) {
             for strength in [0.15, 0.5, 0.8, 1.0] {
                 let pale = color.pale(strength);
                 assert!(contrast(pale, pale.ink()) > 4.5, "{pale:?}");

@@ -2,7 +2,7 @@
 
 use super::axis::{Axis, Rect, axes, left_margin, no_data, range};
 use super::canvas::{Align, Lettering, draw, shorten, text_width};
-use super::color::{Color, TEXT, WHITE};
+use super::color::{Color, Role, TEXT, WHITE};
 use super::curve::Style;
 use super::legend::{Entry, Swatch, head, legend};
 use super::numbers::significant;
@@ -23,16 +23,10 @@ pub struct ErrorGroup {
 ///
 /// The axis is logarithmic if the errors span more than a factor of 30. A group's noise floor is a dashed line across
 /// its bars; every bar is labelled with its value.
-pub fn falling_error(title: &str, y_label: &str, stages: &[&str], groups: &[ErrorGroup]) -> Figure {
-    let palette = |k: usize| match (k, stages.len()) {
-        (0, n) if n > 1 => Color::RESIDUAL,
-        (k, n) if k + 1 == n => Color::MODEL,
-        (k, _) => [Color(0xe6, 0x9f, 0x00), Color(0xcc, 0x79, 0xa7), Color(0x56, 0xb4, 0xe9)][(k - 1) % 3],
-    };
-    let mut entries: Vec<Entry> =
-        stages.iter().enumerate().map(|(k, s)| ((*s).to_owned(), palette(k), Swatch::Box)).collect();
+pub fn falling_error(title: &str, y_label: &str, stages: &[(Role, &str)], groups: &[ErrorGroup]) -> Figure {
+    let mut entries: Vec<Entry> = stages.iter().map(|(role, s)| ((*s).to_owned(), role.color(), Swatch::Box)).collect();
     if groups.iter().any(|g| g.floor.is_some()) {
-        entries.push(("noise floor".into(), TEXT, Swatch::Curve(Style::Dashed)));
+        entries.push(("noise floor".into(), Color::NOISE, Swatch::Curve(Style::Dashed)));
     }
     let bars = || groups.iter().flat_map(|g| g.values.iter().take(stages.len()).copied());
     let every = || bars().chain(groups.iter().filter_map(|g| g.floor)).filter(|v| *v >= 0.0);
@@ -65,7 +59,7 @@ pub fn falling_error(title: &str, y_label: &str, stages: &[&str], groups: &[Erro
                 let (a, b) = (start + k as f64 * bar + 1.5, start + (k + 1) as f64 * bar - 1.5);
                 let high = if value >= 0.0 { r.y(&y, value).unwrap_or(r.y1) } else { r.y1 };
                 let high = high.clamp(r.y0, r.y1);
-                c.bar((a, high), (b, r.y1), palette(k), 1.0);
+                c.bar((a, high), (b, r.y1), stages[k].0.color(), 1.0);
                 texts.push((0.5 * (a + b), high, significant(value)));
             }
             let line = group.floor.filter(|f| *f >= 0.0).and_then(|f| r.y(&y, f));
@@ -73,7 +67,7 @@ pub fn falling_error(title: &str, y_label: &str, stages: &[&str], groups: &[Erro
                 let end = start + bar * stages.len() as f64;
                 let (a, b) = ((start - 7.0, py), (end + 7.0, py));
                 c.line(a, b, WHITE, 1.5);
-                c.dashed(&[a, b], TEXT, 1.5);
+                c.dashed(&[a, b], Color::NOISE, 1.5);
             }
             let name = shorten(&group.name, slot - 4.0, LABEL_SIZE);
             c.write(&name, (mid, r.y1 + 15.0), LABEL_SIZE, TEXT, Align::Middle);

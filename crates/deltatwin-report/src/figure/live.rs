@@ -20,7 +20,7 @@ pub(super) fn live(x_label: &str, panels: &[Panel], logarithmic: bool) -> Option
         // Curves mostly share their abscissae.
         let mut abscissae: Vec<Vec<f64>> = Vec::new();
         for curve in &panel.curves {
-            let color = colors.next().copied().unwrap_or(Color::MODEL);
+            let color = colors.next().copied().unwrap_or(Color::BLUE);
             let (x, y) = thinned(curve)?;
             let place = abscissae.iter().position(|other| *other == x).unwrap_or_else(|| {
                 abscissae.push(x);
@@ -33,7 +33,7 @@ pub(super) fn live(x_label: &str, panels: &[Panel], logarithmic: bool) -> Option
                 Style::Points => "points",
             };
             let y: Vec<Value> = y.iter().map(|y| number(*y, 5)).collect();
-            curves.push(json!({"label": curve.label, "color": color.hex(), "style": style, "x": place, "y": y}));
+            curves.push(json!({"label": curve.label, "color": color.variable().map_or_else(|| color.hex(), |name| format!("var(--{name})")), "style": style, "x": place, "y": y}));
         }
         let abscissae: Vec<Vec<Value>> = abscissae.iter().map(|x| x.iter().map(|x| number(*x, 7)).collect()).collect();
         out.push(json!({"title": panel.title, "unit": panel.y_label, "x": abscissae, "curves": curves}));

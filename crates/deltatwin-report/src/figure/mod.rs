@@ -23,7 +23,8 @@ pub mod study;
 mod tests;
 mod time_series;
 
-pub use color::Color;
+pub(crate) use color::style;
+pub use color::{Color, Role};
 pub use curve::{Curve, Style};
 pub use falling_error::{ErrorGroup, falling_error};
 pub use matrix::{Cell, matrix};

@@ -53,7 +53,7 @@ pub fn ranking(title: &str, x_label: &str, rows: &[RankRow]) -> Figure {
             let Some(axis) = &axis else { continue };
             let zero = r.x(axis, 0.0).unwrap_or(x0);
             let end = r.x(axis, 100.0 * row.share);
-            let color = if row.highlight { Color::RESIDUAL } else { Color::MUTED };
+            let color = if row.highlight { Color::GREEN } else { Color::MUTED };
             let end_x = end.unwrap_or(zero);
             c.bar((zero, y - 8.0), (end_x, y + 8.0), color, 1.0);
             let percent = 100.0 * row.share;

@@ -36,16 +36,16 @@ pub fn rates(title: &str, x_label: &str, y_label: &str, points: &[Rate], diagona
             c.dashed(&[a, b], Color::MUTED, 1.5);
         }
         let line: Vec<_> = points.iter().filter_map(|p| at(p.x, p.share)).collect();
-        c.polyline(&line, Color::MODEL, 1.0);
+        c.polyline(&line, Color::BLUE, 1.0);
         for p in points {
             let (Some(low), Some(high), Some(mid)) = (at(p.x, p.low), at(p.x, p.high), at(p.x, p.share)) else {
                 continue;
             };
-            c.line(low, high, Color::MODEL, 1.5);
+            c.line(low, high, Color::BLUE, 1.5);
             for end in [low, high] {
-                c.line((end.0 - 4.0, end.1), (end.0 + 4.0, end.1), Color::MODEL, 1.5);
+                c.line((end.0 - 4.0, end.1), (end.0 + 4.0, end.1), Color::BLUE, 1.5);
             }
-            c.dot(mid, 4.0, Color::MODEL, 1.0);
+            c.dot(mid, 4.0, Color::BLUE, 1.0);
             // Next to the dot, on the side away from the edge.
             let right = mid.0 < r.x1 - 40.0;
             let (dx, align) = if right { (8.0, Align::Left) } else { (-8.0, Align::Right) };

@@ -16,19 +16,13 @@ pub struct StackedBar {
     pub shares: Vec<f64>,
 }
 
-/// Stacked horizontal bars from 0 to 100 %; the first part is grey, the last vermilion.
+/// Stacked horizontal bars from 0 to 100 %; the first part is grey, the last ochre.
 pub fn stacked(title: &str, x_label: &str, parts: &[&str], bars: &[StackedBar]) -> Figure {
     const ROW: f64 = 30.0;
-    let middle = [
-        Color(0x00, 0x72, 0xb2),
-        Color(0x00, 0x9e, 0x73),
-        Color(0x56, 0xb4, 0xe9),
-        Color(0xcc, 0x79, 0xa7),
-        Color(0xe6, 0x9f, 0x00),
-    ];
+    let middle = [Color::GREEN, Color::GREEN.pale(0.55), Color::GREEN.pale(0.8), Color::GREEN.pale(0.3)];
     let color = |k: usize| match k {
         0 => Color::MUTED,
-        k if k + 1 == parts.len() => Color::RESIDUAL,
+        k if k + 1 == parts.len() => Color::OCHRE,
         k => middle[(k - 1) % middle.len()],
     };
     let entries: Vec<Entry> = parts.iter().enumerate().map(|(k, p)| ((*p).to_owned(), color(k), Swatch::Box)).collect();

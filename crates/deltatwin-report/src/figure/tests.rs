@@ -40,8 +40,8 @@ fn axis_panels(n: usize) -> Vec<Panel> {
                 y_label: "torque / Nm".into(),
                 curves: vec![
                     Curve::new("measured", x.clone(), measured).color(Color::MEASURED),
-                    Curve::new("model", x.clone(), modelled).color(Color::MODEL),
-                    Curve::new("residual", x, residual).color(Color::RESIDUAL),
+                    Curve::new("model", x.clone(), modelled).color(Color::BLUE),
+                    Curve::new("residual", x, residual).color(Color::VERMILION),
                 ],
             }
         })
@@ -87,11 +87,8 @@ fn names(n: usize) -> Vec<String> {
 }
 
 fn cells(rows: usize, columns: usize) -> Vec<Vec<Cell>> {
-    let cell = |i: usize, k: usize| Cell {
-        share: ((i + 2 * k) % 5) as f64 / 4.0,
-        text: k.to_string(),
-        color: Color::IMPROVED,
-    };
+    let cell =
+        |i: usize, k: usize| Cell { share: ((i + 2 * k) % 5) as f64 / 4.0, text: k.to_string(), color: Color::GREEN };
     (0..rows).map(|i| (0..columns).map(|k| cell(i, k)).collect()).collect()
 }
 
@@ -120,7 +117,12 @@ fn examples() -> Vec<(&'static str, Figure)> {
     (gap.x, gap.y) = series(400, |t| if (8.0..10.0).contains(&t) { f64::NAN } else { 1e-5 * t.sin() });
     let (x, y) = series(400, |t| 1e-5 * (t.cos() + 0.1 * noise(t, 0.1)));
     let dots = Curve::new("dots", x, y).style(Style::Points);
-    let stages = ["nominal", "+ friction", "+ payload", "+ delay"];
+    let stages = [
+        (Role::Nominal, "nominal"),
+        (Role::Identified, "identified"),
+        (Role::Earlier, "+ payload"),
+        (Role::Added, "+ delay"),
+    ];
     let many: Vec<ErrorGroup> = (1..=4)
         .map(|k| ErrorGroup {
             name: format!("axis {k}"),
@@ -132,7 +134,15 @@ fn examples() -> Vec<(&'static str, Figure)> {
         ("time", time_series("Torque of axis 1", "time / s", "torque / Nm", &one)),
         ("styles", time_series("Styles and tiny numbers", "time / s", "deviation / m", &[gap, dots])),
         ("panels", panels("Measured and modelled torques", "time / s", &stack)),
-        ("error", falling_error("RMS of the residual", "RMS torque / Nm", &["before", "after"], &groups())),
+        (
+            "error",
+            falling_error(
+                "RMS of the residual",
+                "RMS torque / Nm",
+                &[(Role::Nominal, "before"), (Role::Added, "after")],
+                &groups(),
+            ),
+        ),
         ("stages", falling_error("RMS through four stages", "RMS torque / Nm", &stages, &many)),
         ("scatter", scatter_binned("Residual against speed", "speed / rad/s", "residual / Nm", &scatter, 40)),
         ("spectrum", spectrum("Amplitude spectrum", "frequency / Hz", "amplitude / Nm", &spectra(), &markers)),
@@ -219,15 +229,20 @@ fn degenerate_input_gives_a_figure() {
             well_formed(&spectrum("t", "x", "y", &curves, &[Marker { at: f64::NAN, label: "m".into() }]));
         }
         let group = ErrorGroup { name: "g".into(), values: y.clone(), floor: x.first().copied() };
-        well_formed(&falling_error("t", "y", &["a", "b", "c"], std::slice::from_ref(&group)));
-        well_formed(&falling_error("t", "y", &["a"], &[group]));
+        well_formed(&falling_error(
+            "t",
+            "y",
+            &[(Role::Nominal, "a"), (Role::Identified, "b"), (Role::Added, "c")],
+            std::slice::from_ref(&group),
+        ));
+        well_formed(&falling_error("t", "y", &[(Role::Identified, "a")], &[group]));
         let row = |&share: &f64| RankRow { name: "n".into(), share, note: "p".into(), highlight: true };
         well_formed(&ranking("t", "x", &y.iter().take(20).map(row).collect::<Vec<_>>()));
         let rate = |(&x, &share): (&f64, &f64)| Rate { x, share, low: -share, high: 2.0 * share, of: 3 };
         let points: Vec<Rate> = x.iter().zip(y).take(20).map(rate).collect();
         well_formed(&rates("t", "x", "y", &points, true));
         well_formed(&rates("t", "x", "y", &points, false));
-        let cell = |&share: &f64| Cell { share, text: "1".into(), color: Color::RESIDUAL };
+        let cell = |&share: &f64| Cell { share, text: "1".into(), color: Color::VERMILION };
         let row: Vec<Cell> = y.iter().take(20).map(cell).collect();
         well_formed(&matrix("t", &names(2), &names(row.len()), &[row]));
     }

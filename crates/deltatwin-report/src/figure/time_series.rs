@@ -81,7 +81,7 @@ fn stack(title: &str, x_label: &str, panels: &[Panel], height: f64) -> Figure {
             let name = shorten(&panel.title, r.x1 - r.x0, LABEL_SIZE);
             c.styled(&name, (r.x0, r.y0 - 10.0), Lettering::new(LABEL_SIZE, TEXT, Align::Left).bold(true));
             for curve in &panel.curves {
-                let color = color.next().copied().unwrap_or(Color::MODEL);
+                let color = color.next().copied().unwrap_or(Color::BLUE);
                 if let (Some(x), Some(y)) = (&x, y_axis) {
                     plot(c, (r, x, y), curve, color, total);
                 }

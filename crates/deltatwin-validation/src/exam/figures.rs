@@ -43,7 +43,7 @@ fn confusion(score: &Score) -> Figure {
 
 /// Colour of a correct or a wrong answer.
 fn color(good: bool) -> Color {
-    if good { Color::IMPROVED } else { Color::RESIDUAL }
+    if good { Color::GREEN } else { Color::VERMILION }
 }
 
 /// Correct answers by effect and size.
@@ -114,7 +114,7 @@ fn cumulative(label: &str, mut x: Vec<f64>) -> Curve {
         xs.extend([v, v]);
         ys.extend([k as f64 / n, (k + 1) as f64 / n]);
     }
-    Curve::new(label, xs, ys).color(Color::MODEL)
+    Curve::new(label, xs, ys).color(Color::BLUE)
 }
 
 fn held_out(score: &Score) -> Figure {

@@ -5,7 +5,7 @@ use deltatwin::machine::AXES;
 use deltatwin_report::{Color, Curve, Figure, Panel, Style, panels};
 
 /// Colours of the computed curves, in order.
-const COMPUTED: [Color; 2] = [Color::MODEL, Color::RESIDUAL];
+const COMPUTED: [Color; 2] = [Color::BLUE, Color::VERMILION];
 
 /// Measured and computed torques of all axes over time.
 pub fn measured_and_computed(title: &str, dataset: &Dataset, computed: &[(&str, &[Vec<f64>])]) -> Figure {

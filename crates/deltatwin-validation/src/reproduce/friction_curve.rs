@@ -138,12 +138,12 @@ pub fn section(campaign: &Campaign, points: &[Point], curve: &Curve48) -> Sectio
         "speed / °/s",
         "torque / N·m",
         &[
-            Curve::new("eq. 48, identified", degrees(&dense), line(curve.values)).color(Color::MODEL),
+            Curve::new("eq. 48, identified", degrees(&dense), line(curve.values)).color(Color::BLUE),
             Curve::new("eq. 48 with the paper's Table 2", degrees(&dense), line(paper::TABLE_2))
                 .color(Color::MEASURED)
                 .style(Style::Dashed),
             Curve::new("mean torque", degrees(&speeds), points.iter().map(|p| p.torque).collect())
-                .color(Color::RESIDUAL)
+                .color(Color::VERMILION)
                 .style(Style::Points),
         ],
     );

@@ -32,14 +32,14 @@ pub fn section(campaign: &Campaign, assembled: &Assembled) -> miette::Result<Sec
         (
             "paper's model, strut 1 heavier",
             robot::with_measurement_strut(&assembled.paper.model),
-            Color::MODEL,
+            Color::BLUE,
             Style::Line,
         ),
-        ("paper's model, six struts alike", assembled.paper.model.clone(), Color::RESIDUAL, Style::Dashed),
+        ("paper's model, six struts alike", assembled.paper.model.clone(), Color::VERMILION, Style::Dashed),
         (
             "socket friction, strut 1 heavier",
             robot::with_measurement_strut(&assembled.complete.model),
-            Color::IMPROVED,
+            Color::GREEN,
             Style::Line,
         ),
     ];

@@ -115,7 +115,7 @@ fn path(variant: &Variant) -> Section {
         Row::new("length along y", "m", Estimate::plain(length)).paper(printed::LENGTH),
         Row::new("height", "m", Estimate::plain(height)).paper(printed::HEIGHT),
     ];
-    let line = Line::new("", y, z).color(Color::MODEL);
+    let line = Line::new("", y, z).color(Color::BLUE);
     Section {
         key: "figure_14",
         title: "Fig. 14: path of the U-turn".into(),

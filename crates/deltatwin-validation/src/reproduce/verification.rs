@@ -156,8 +156,8 @@ pub fn strut_forces(campaign: &Campaign, assembled: &Assembled) -> miette::Resul
                 Curve::new("in the twin", dataset.t.clone(), dataset.measured[c].to_vec())
                     .color(Color::MUTED)
                     .style(Style::Thin),
-                Curve::new("paper's model", dataset.t.clone(), ours[c].clone()).color(Color::MODEL),
-                Curve::new("model with socket friction", dataset.t.clone(), complete[c].clone()).color(Color::IMPROVED),
+                Curve::new("paper's model", dataset.t.clone(), ours[c].clone()).color(Color::BLUE),
+                Curve::new("model with socket friction", dataset.t.clone(), complete[c].clone()).color(Color::GREEN),
             ],
         });
     }

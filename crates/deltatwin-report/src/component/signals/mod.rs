@@ -9,6 +9,7 @@ use std::fmt::Write as _;
 
 use deltatwin::identification::fit::kinematics;
 use deltatwin::identification::{Dataset, FitError, Residuals, predict, residuals::rms};
+use deltatwin::kinematics::JointState;
 use deltatwin::machine::Unit;
 use deltatwin::recording::Channel;
 use serde_json::{Value, json};
@@ -62,20 +63,25 @@ impl Signals {
             })
         };
         let channels: Vec<Value> = dataset.channels.iter().enumerate().map(channel).collect();
-        let rates: Vec<Value> = drives(dataset)
-            .map(|(axis, unit)| {
-                let rate: Vec<f64> = dataset.joints.iter().map(|j| j.qd[axis]).collect();
-                let packed = packed.add(&rate, step(&rate, 0.0), 2);
-                json!({"name": format!("axis {}", axis + 1), "unit": format!("{unit}/s"), "series": packed})
-            })
-            .collect();
+        let mut joints = |per: &str, of: &dyn Fn(&JointState, usize) -> f64| -> Vec<Value> {
+            let one = |(axis, unit): (usize, Unit)| {
+                let series: Vec<f64> = dataset.joints.iter().map(|j| of(j, axis)).collect();
+                let packed = packed.add(&series, step(&series, 0.0), 2);
+                json!({"name": format!("axis {}", axis + 1), "unit": format!("{unit}{per}"), "series": packed})
+            };
+            drives(dataset).map(one).collect()
+        };
+        let angles = joints("", &|j, axis| j.q[axis]);
+        let rates = joints("/s", &|j, axis| j.qd[axis]);
         let header = json!({
             "recording": dataset.name,
             "samples": packed.len(),
             "time": time,
             "breaks": packed.breaks(dataset),
             "stages": stages.iter().map(|s| s.name).collect::<Vec<_>>(),
+            "roles": stages.iter().map(|s| s.role.class()).collect::<Vec<_>>(),
             "channels": channels,
+            "angles": angles,
             "rates": rates,
             "places": places::of(dataset, &left),
             "maps": stages.last().map_or(Value::Null, |s| map::of(s.model, dataset, &left, noise)),

@@ -302,7 +302,7 @@ fn causes_keep_their_colours_and_differ() {
         assert_eq!(cause_colors(&all[k..=k]), [*color]);
     }
     let own = cause_colors(&names(&["strut 1 lower", "socket", "strut 2 upper"]));
-    assert!(own[1] == Color::RESIDUAL && own[0] != own[1] && own[2] != own[1] && own[0] != own[2]);
+    assert!(own[1] == Color::VERMILION && own[0] != own[1] && own[2] != own[1] && own[0] != own[2]);
 }
 
 #[test]

@@ -100,7 +100,7 @@ const GAP: f64 = 20.0;
 const LINE: f64 = 17.0;
 /// Number of usual steps from which on a step counts as a gap of the recording.
 const GAPS: f64 = 20.0;
-const LOAD: Color = Color::MODEL;
+const LOAD: Color = Color::BLUE;
 const HOLD: Color = Color(0x00, 0x9e, 0x73);
 
 /// Load of every socket against its hold over time, the whole motion and the instant of failure, with numbered events
@@ -141,7 +141,7 @@ fn entries(sockets: &[SocketTrace], events: &[&FailureEvent]) -> Vec<Entry> {
         entries.push(("force that pulls the socket off".into(), LOAD, Swatch::Curve(Style::Line)));
         entries.push(("force that holds it".into(), HOLD, Swatch::Curve(Style::Dashed)));
         if sockets.iter().any(|s| s.opened.is_some()) {
-            entries.push(("open".into(), Color::RESIDUAL, Swatch::Band));
+            entries.push(("open".into(), Color::VERMILION, Swatch::Band));
         }
     }
     for event in events {
@@ -218,7 +218,7 @@ fn panel(c: &mut Canvas, (r, x, y): (Rect, &Axis, &Axis), socket: &SocketTrace, 
     let at = |t: f64| (t - origin) * scale;
     if let Some(opened) = socket.opened.and_then(|t| r.x(x, at(t))).filter(|px| *px < r.x1) {
         let px = opened.max(r.x0);
-        c.bar((px, r.y0), (r.x1, r.y1), Color::RESIDUAL, 0.14);
+        c.bar((px, r.y0), (r.x1, r.y1), Color::VERMILION, 0.14);
         if r.x1 - px > 34.0 {
             c.write("open", (r.x1 - 5.0, r.y1 - 9.0), TICK_SIZE, TEXT, Align::Right);
         }
