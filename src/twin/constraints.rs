@@ -1,12 +1,12 @@
 //! The 74 constraint rows at position and velocity level.
 //!
 //! Four revolute joints to the base (5 rows each; those of carriages are prismatic), twelve spherical joints (3), the revolute joint of the end effector
-//! (5), two Hooke joints (4) and the prismatic joint of the telescope (5).
+//! (5), two Hooke joints (4) and the prismatic joint of the telescope (5). Without a telescope the rows of its chain are zero.
 
 use nalgebra::Vector3;
 
 use crate::kinematics::{Arm, BodyMotion, Motion};
-use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, SLOTS, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::machine::{ARMS, Actuator, Geometry, Limb, STRUTS};
 
 /// Number of constraint rows.
@@ -29,10 +29,15 @@ pub fn rows(geometry: &Geometry, motion: &Motion) -> [(f64, f64); ROWS] {
     for i in 0..ARMS {
         out.bearing(&geometry.limbs[i], &b[ARM + i]);
     }
-    let hooke = Moving::fixed(geometry.upper_hooke());
-    out.same_point(Moving::point(&b[ROTOR], Vector3::zeros()), hooke);
-    out.normal(Moving::axis(&b[ROTOR], 2), Moving::fixed(Vector3::x()));
-    out.normal(Moving::axis(&b[ROTOR], 2), Moving::fixed(Vector3::y()));
+    let telescope = geometry.has_telescope();
+    if telescope {
+        let hooke = Moving::fixed(geometry.upper_hooke());
+        out.same_point(Moving::point(&b[ROTOR], Vector3::zeros()), hooke);
+        out.normal(Moving::axis(&b[ROTOR], 2), Moving::fixed(Vector3::x()));
+        out.normal(Moving::axis(&b[ROTOR], 2), Moving::fixed(Vector3::y()));
+    } else {
+        out.n += 5;
+    }
     for s in 0..STRUTS {
         let strut = &b[STRUT + s];
         let (on_arm, on_platform) = (geometry.elbow_ball(s), geometry.platform_ball(s));
@@ -40,22 +45,10 @@ pub fn rows(geometry: &Geometry, motion: &Motion) -> [(f64, f64); ROWS] {
         out.same_point(Moving::point(strut, Vector3::zeros()), Moving::point(&b[ARM + s / 2], on_arm));
         out.same_point(Moving::point(strut, along), Moving::point(&b[PLATFORM], on_platform));
     }
-    let (ee, upper, lower) = (&b[END_EFFECTOR], &b[TELESCOPE_UPPER], &b[TELESCOPE_LOWER]);
-    let flange = Vector3::new(0.0, 0.0, geometry.flange_height);
-    out.same_point(Moving::point(ee, Vector3::zeros()), Moving::point(&b[PLATFORM], flange));
-    out.normal(Moving::axis(ee, 2), Moving::axis(&b[PLATFORM], 0));
-    out.normal(Moving::axis(ee, 2), Moving::axis(&b[PLATFORM], 1));
-    out.same_point(Moving::point(upper, Vector3::zeros()), Moving::point(&b[ROTOR], Vector3::zeros()));
-    out.normal(Moving::axis(&b[ROTOR], 0), Moving::axis(upper, 1));
-    for i in 0..3 {
-        out.normal(Moving::axis(upper, i), Moving::axis(lower, (i + 1) % 3));
+    match telescope {
+        true => out.telescope(geometry, b),
+        false => out.n += 18,
     }
-    let offset = Moving::point(lower, Vector3::zeros()).minus(&Moving::point(upper, Vector3::zeros()));
-    out.normal(offset, Moving::axis(upper, 0));
-    out.normal(offset, Moving::axis(upper, 1));
-    let cross = Vector3::new(0.0, 0.0, geometry.lower_hooke_height - geometry.flange_height);
-    out.same_point(Moving::point(lower, Vector3::zeros()), Moving::point(ee, cross));
-    out.normal(Moving::axis(ee, 0), Moving::axis(lower, 1));
     assert_eq!(out.n, ROWS, "rows of the mechanism");
     out.values
 }
@@ -103,6 +96,26 @@ impl Rows {
         for i in 0..3 {
             self.push(d.x[i], d.rate[i]);
         }
+    }
+
+    /// Pivot of the end effector, Hooke joints and slide.
+    fn telescope(&mut self, geometry: &Geometry, b: &[BodyMotion; SLOTS]) {
+        let (ee, upper, lower) = (&b[END_EFFECTOR], &b[TELESCOPE_UPPER], &b[TELESCOPE_LOWER]);
+        let flange = Vector3::new(0.0, 0.0, geometry.flange_height);
+        self.same_point(Moving::point(ee, Vector3::zeros()), Moving::point(&b[PLATFORM], flange));
+        self.normal(Moving::axis(ee, 2), Moving::axis(&b[PLATFORM], 0));
+        self.normal(Moving::axis(ee, 2), Moving::axis(&b[PLATFORM], 1));
+        self.same_point(Moving::point(upper, Vector3::zeros()), Moving::point(&b[ROTOR], Vector3::zeros()));
+        self.normal(Moving::axis(&b[ROTOR], 0), Moving::axis(upper, 1));
+        for i in 0..3 {
+            self.normal(Moving::axis(upper, i), Moving::axis(lower, (i + 1) % 3));
+        }
+        let offset = Moving::point(lower, Vector3::zeros()).minus(&Moving::point(upper, Vector3::zeros()));
+        self.normal(offset, Moving::axis(upper, 0));
+        self.normal(offset, Moving::axis(upper, 1));
+        let cross = Vector3::new(0.0, 0.0, geometry.lower_hooke_height - geometry.flange_height);
+        self.same_point(Moving::point(lower, Vector3::zeros()), Moving::point(ee, cross));
+        self.normal(Moving::axis(ee, 0), Moving::axis(lower, 1));
     }
 
     /// The bearing of an arm: its shaft, or its guide.

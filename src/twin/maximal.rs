@@ -13,7 +13,7 @@
 //!
 //! With r at most half of the donor's inertia along g_D both stay positive definite. Any other body with singular
 //! inertia (a point mass, a bar) is lent a millionth of the mechanism's, which iterative refinement removes again. If S
-//! has lost rank (redundant rows in a degenerate pose) it is regularised and refined as well; a is then unique, λ is
+//! has lost rank (redundant struts, or a degenerate pose) it is regularised and refined as well; a is then unique, λ is
 //! not. The result is [`SingularPose`] if refinement does not reach 1e-9 of the terms of either equation, or if an
 //! inertia is not physically consistent.
 
@@ -85,8 +85,10 @@ struct Workspace {
     schur: Schur,
     /// Weights r of the inertia shifts.
     shifts: Vec<f64>,
-    /// Whether S lacks rank while all sockets are closed and the struts are rigid.
-    redundant: bool,
+    /// Loss of rank of S while all sockets are closed and the struts are rigid.
+    redundant: usize,
+    /// Orthonormal basis of the multipliers with Gᵀ·λ = 0, at such a pose: prestress.
+    kernel: Vec<[f64; MAX_ROWS]>,
     /// Whether M or S was regularised, which requires refinement until the equations hold.
     regularised: bool,
     accelerations: [Six; SLOTS],
@@ -106,6 +108,11 @@ const TIKHONOV: f64 = 1e-9;
 const REFINED: f64 = 1e-13;
 const ACCEPTED: f64 = 1e-9;
 const MAX_REFINEMENTS: usize = 8;
+
+/// Steps to the prestress, each of which leaves a ratio of [`TIKHONOV`] to the least other eigenvalue.
+const KERNEL_STEPS: usize = 3;
+/// Ratio whose multiples have no common period.
+const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
 /// Violation below which a row counts as satisfied, m or 1.
 const CLOSED: f64 = 1e-13;
@@ -134,7 +141,8 @@ impl MaximalCoordinates {
             y_columns: std::array::from_fn(|_| vec![0.0; blocks]),
             schur: Schur::new(&structure),
             shifts: vec![0.0; structure.shifts.len()],
-            redundant: plate && plant.geometry.redundant_struts() > 0,
+            redundant: if plate { plant.geometry.redundant_struts() } else { 0 },
+            kernel: Vec::new(),
             regularised: false,
             accelerations: [[0.0; 6]; SLOTS],
             struts: Vec::new(),
@@ -146,7 +154,7 @@ impl MaximalCoordinates {
 
     /// Whether the struts do not determine their forces while all sockets are closed.
     pub(super) fn is_redundant(&self) -> bool {
-        self.0.redundant
+        self.0.redundant > 0
     }
 
     /// Bodies with joints.
@@ -379,14 +387,42 @@ impl Workspace {
             }
         }
         let mut factor = |tikhonov: f64| self.schur.factor(&self.y_columns, closed, &self.struts, tikhonov);
-        let regular = !(self.redundant && stretches.is_none() && closed == plant.sockets());
+        let regular = self.redundant == 0 || stretches.is_some() || closed != plant.sockets();
         if !(regular && factor(0.0)) {
             self.regularised = true;
             if !factor(TIKHONOV) {
                 return Err(SingularPose);
             }
         }
+        self.find_kernel(if regular { 0 } else { self.redundant });
         Ok(())
+    }
+
+    /// Determines the prestress: S·v = 0 by v := (S + τ·D)⁻¹·τ·D·v.
+    fn find_kernel(&mut self, count: usize) {
+        self.kernel.clear();
+        for k in 0..count {
+            // Any start with a part in every combination.
+            let mut v: [f64; MAX_ROWS] = std::array::from_fn(|i| (((i + 1) * (k + 1)) as f64 * GOLDEN).fract() - 0.5);
+            v.iter_mut().enumerate().filter(|(row, _)| !self.structure.row.contains(row)).for_each(|(_, x)| *x = 0.0);
+            for _ in 0..KERNEL_STEPS {
+                self.schur.weigh(&mut v);
+                self.schur.solve(&mut v);
+                self.consistent(&mut v);
+                let size = v.iter().map(|x| x * x).sum::<f64>().sqrt();
+                v.iter_mut().for_each(|x| *x /= size);
+            }
+            self.kernel.push(v);
+        }
+    }
+
+    /// Takes from values of the rows what no acceleration has: redundant rows agree on the constraints only, and the stages
+    /// of a step leave them.
+    fn consistent(&self, rows: &mut [f64; MAX_ROWS]) {
+        for n in &self.kernel {
+            let along: f64 = n.iter().zip(&*rows).map(|(n, x)| n * x).sum();
+            rows.iter_mut().zip(n).for_each(|(x, n)| *x -= along * n);
+        }
     }
 
     /// Factors the mass matrix of a body, lending inertia if it is singular.
@@ -431,6 +467,7 @@ impl Workspace {
     ) -> Result<&Solution, SingularPose> {
         let (mut w, mut gamma) = (*loads, *gamma);
         flexible::load(&self.struts, demand, (&self.structure, self.closed), &mut w, &mut gamma);
+        self.consistent(&mut gamma);
         let gamma = &gamma;
         for (s, r) in self.structure.shifts.iter().zip(&self.shifts) {
             add(&mut w[s.donor], -r * gamma[self.structure.row[s.from]], &self.rows.blocks[s.from]);
@@ -497,6 +534,9 @@ impl Workspace {
         let (mut terms, mut sizes) = ([f64::MIN_POSITIVE; 3], [0f64; 3]);
         for &b in &structure.bodies {
             let a = &self.accelerations[b];
+            // Blocks consist of unit vectors and levers, so that terms of a row are as large as the accelerations; their sum may
+            // vanish in every row.
+            terms[2] = a.iter().fold(terms[2], |most, x| most.max(x.abs()));
             for k in 0..6 {
                 let x = dot(&self.mass[b][k], a);
                 loads[b][k] -= x;
@@ -504,13 +544,12 @@ impl Workspace {
             }
             for k in structure.blocks[b].clone() {
                 let (row, block) = (structure.row[k], &self.rows.blocks[k]);
-                let x = dot(block, a);
-                rows[row] -= x;
-                terms[2] = terms[2].max(x.abs());
+                rows[row] -= dot(block, a);
                 add(&mut loads[b], -self.solution.multipliers[row], block);
             }
         }
         flexible::give(&self.struts, &self.solution.multipliers, structure, &mut rows);
+        self.consistent(&mut rows);
         for load in structure.bodies.iter().map(|&b| &loads[b]) {
             for k in 0..6 {
                 sizes[k / 3] = worst(sizes[k / 3], load[k]);

@@ -109,6 +109,14 @@ impl Schur {
         hub.front.eliminate(&hub.diagonal)
     }
 
+    /// Multiplies every row by its diagonal entry of S.
+    pub fn weigh(&self, x: &mut [f64; MAX_ROWS]) {
+        let inner = self.branches.iter().chain([&self.hub]);
+        for (row, d) in inner.flat_map(|b| b.layout.rows[..b.layout.inner].iter().zip(&b.diagonal)) {
+            x[*row] *= d;
+        }
+    }
+
     /// b := S⁻¹·b, rows numbered as in [`Structure`].
     pub fn solve(&self, b: &mut [f64; MAX_ROWS]) {
         let mut hub = [0.0; MAX_ROWS];

@@ -449,3 +449,22 @@ fn redundant_rows_do_not_stop_a_run() {
     bodies[PLATFORM].rotation[(0, 1)] = f64::NAN;
     assert_eq!(maximal.solve(&plant, &bodies, SocketSet::ALL, &[STILL; SLOTS], None).unwrap_err(), SingularPose);
 }
+
+#[test]
+fn arms_in_their_bearings_turn_alone() {
+    let mut plant = plant();
+    plant.assembled = false;
+    let joints = JointState { q: [0.1, 0.2, 0.3, 0.4], qd: [1.0, 2.0, 3.0, 4.0], qdd: [0.0; 4] };
+    let (mut maximal, motion) = (MaximalCoordinates::new(&plant), plant.motion(&joints).unwrap());
+    let mut twin = Twin::new(plant.clone(), &motion).unwrap();
+    let torque = [5.0, -3.0, 2.0, 0.1];
+    let expected = twin.evaluate(&Torque::constant(torque)).unwrap().motion.qdd;
+    let found = maximal.solve(&plant, &motion.bodies, plant.sockets(), &torques(&torque), None).unwrap();
+    for (axis, qdd) in expected.into_iter().enumerate() {
+        let (body, screw) = motion.drive(axis);
+        let (linear, angular) = found.bodies[body];
+        approx::assert_relative_eq!(screw.rate(&linear, &angular), qdd, max_relative = 1e-12);
+        assert!(linear.norm() < 1e-12);
+    }
+    assert_eq!(maximal.project(&plant, &mut State::new(&motion).bodies, plant.sockets()), Ok(0));
+}
