@@ -233,15 +233,22 @@ impl<'a> Search<'a> {
         !self.start.fit.edges.is_empty()
     }
 
-    /// The problem without the refused candidates.
-    fn stated(&self) -> Problem {
+    /// The problem without the refused candidates, except those that the selection begins with: an effect that does not
+    /// stand alone may stand next to another one.
+    fn stated(&self, begun: &[Chosen]) -> Problem {
         let mut stated = self.problem.clone();
-        for c in &mut stated.candidates {
-            if self.refused.contains(&c.name) || (self.lag == Lag::InModel && c.name == DELAY) {
+        for (i, c) in stated.candidates.iter_mut().enumerate() {
+            let is_refused = self.refused.contains(&c.name) && begun.iter().all(|b| b.candidate != i);
+            if is_refused || self.is_in_model(&c.name) {
                 c.variants.clear();
             }
         }
         stated
+    }
+
+    /// Whether a candidate is the recorder's delay, which the start already has.
+    fn is_in_model(&self, name: &str) -> bool {
+        self.lag == Lag::InModel && name == DELAY
     }
 
     fn found(self, standing: Standing) -> Found {
@@ -264,7 +271,7 @@ impl<'a> Search<'a> {
     /// nonlinearly or a consistency constraint is active, because the error of an old linearisation resembles further
     /// effects. The effects of `begun` are added first.
     fn select(&mut self, begun: &[Chosen], progress: &mut dyn FnMut(&str)) -> Result<Selection, DiagnosisError> {
-        let (stated, fitting) = (self.stated(), self.judge.fitting);
+        let (stated, fitting) = (self.stated(begun), self.judge.fitting);
         let is_begun = !begun.is_empty();
         let mut stopped: Option<Selection> = None;
         let mut last: Option<Refitted> = None;

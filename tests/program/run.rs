@@ -158,6 +158,8 @@ fn a_diagnosis_whose_time_is_up_is_undecided() {
     let text = String::from_utf8_lossy(&out.stdout);
     assert_eq!(out.status.code(), Some(1), "{text}");
     assert!(text.starts_with("Undecided: the time was up") && text.contains("--time-limit 0.04"), "{text}");
+    let sentence = text.split("\n\n").next().unwrap_or_default();
+    assert!(sentence.contains("The search was cut short: "), "{text}");
     let out = run(&["diagnose", AXIS, &csv, "--time-limit", "0.01", "--json"]);
     let answer: Value = serde_json::from_slice(&out.stdout).unwrap();
     assert_eq!((out.status.code(), &answer["verdict"]), (Some(1), &"undecided".into()), "{answer}");

@@ -31,10 +31,10 @@ pub fn verdict(d: &Diagnosis) -> String {
         (false, true) => format!("{first}."),
         (false, false) => format!("{first}. {left}."),
     };
-    match (d.verdict, d.not_tried.as_slice()) {
-        (Verdict::Undecided, _) | (_, []) => sentence,
-        (_, [step]) => format!("{sentence} The search was cut short: {step} was not tried."),
-        (_, [step, others @ ..]) => {
+    match d.not_tried.as_slice() {
+        [] => sentence,
+        [step] => format!("{sentence} The search was cut short: {step} was not tried."),
+        [step, others @ ..] => {
             format!("{sentence} The search was cut short: {step} and {} more were not tried.", others.len())
         }
     }

@@ -29,7 +29,8 @@ impl Search<'_> {
                 let (left, second) = *ranking.by_energy(&self.settings).first()?;
                 Some(Pair { chosen: [first, second], left })
             });
-            pairs.retain(|p| beside.is_none_or(|(first, _)| p.chosen[0] != first));
+            let in_model = |c: &Chosen| self.is_in_model(&self.problem.candidates[c.candidate].name);
+            pairs.retain(|p| beside.is_none_or(|(first, _)| p.chosen[0] != first) && !p.chosen.iter().any(in_model));
             pairs.extend(fitted);
             pairs.sort_by(|a, b| a.left.total_cmp(&b.left));
             pairs
