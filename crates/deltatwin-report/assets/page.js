@@ -186,6 +186,7 @@ var deltatwin = (() => {
         c.pyramids.average = c.pyramids.left.map(p => pyramid(averaged(p[0].low, this.samples, header.breaks)));
       this.average = true;
       this.rates = header.rates.map(r => ({ ...r, pyramid: pyramid(series(bytes, n, r.series)) }));
+      if (header.robot) this.points = header.robot.points.map(p => p.map(place => series(bytes, header.robot.poses, place)));
       this.angles = header.angles.map(a => ({ ...a, samples: series(bytes, n, a.series) }));
       this.stages = header.stages;
       // Variables of the style with the colours of the stages.
@@ -215,7 +216,7 @@ var deltatwin = (() => {
         i.style.background = `var(${this.colors[s]})`;
         b.prepend(i);
       });
-      this.toggle(tools, `mean of ${(1e3 * AVERAGE).toFixed(0)} ms`, () => this.average, on => { this.average = on; this.rebuild(); this.drawPair(); });
+      this.toggle(tools, `mean of ${(1e3 * AVERAGE).toFixed(0)} ms`, () => this.average, on => { this.average = on; this.rebuild(); this.robot?.draw(); this.drawPair(); });
       this.toggle(tools, "measured and model", () => this.torques, on => { this.torques = on; this.rebuild(); });
       this.toggle(tools, "what is here?", () => this.asked, on => { this.asked = on; this.here.hidden = !on; this.drawHere(); });
       const steps = element(tools, "span", { class: "steps" });
@@ -228,7 +229,9 @@ var deltatwin = (() => {
       }
       this.over = element(panels, "div", { class: "plot overview" });
       this.here = element(panels, "div", { class: "here", role: "region", "aria-label": "what is in the chosen time", hidden: "" });
-      this.time = element(panels, "div");
+      const moving = element(panels, "div", { class: "moving" });
+      this.time = element(moving, "div");
+      if (this.header.robot) this.robot = new Robot(this, element(moving, "div", { class: "robot", role: "group", "aria-label": "the robot" }));
       element(panels, "p", { class: "small" },
         "Drag across a chart or the strip above to zoom all of them, double-click for the whole recording; wheel with Ctrl zooms. Keys in a chart: ← → + − 0. Grey: one and two standard deviations of the noise; of a mean, of white noise.");
       this.overview();
@@ -256,6 +259,7 @@ var deltatwin = (() => {
     stageChanged() {
       this.hideKeys(this.section);
       for (const c of this.charts) if (c.stages) this.shown.forEach((on, s) => c.u.setSeries(c.stages + s, { show: on }));
+      this.robot?.draw();
       this.drawPlaces?.();
       this.drawPair();
       this.drawHere();
@@ -347,7 +351,10 @@ var deltatwin = (() => {
           setCursor: [u => {
             const k = u.cursor.idx;
             // The chart under the pointer tells others where it is.
-            if (u.cursor.event && k !== null && k !== undefined) dispatchEvent(new CustomEvent("deltatwin-time", { detail: u.data[0][k] }));
+            if (u.cursor.event && k !== null && k !== undefined) {
+              this.robot?.show(u.data[0][k]);
+              dispatchEvent(new CustomEvent("deltatwin-time", { detail: u.data[0][k] }));
+            }
             value.textContent = k === null || k === undefined || !u.data[0].length ? still
               : `${digits(u.data[0][k])} s: ` + u.data.slice(1).map((y, s) => u.series[s + 1].show ? digits(y[k]) : null).filter(x => x !== null).join(" · ") + ` ${channel.unit}`;
           }],
@@ -363,8 +370,8 @@ var deltatwin = (() => {
       this.place();
     }
 
-    // Marks the moment `t`, s, in every chart.
-    mark(t) { this.moment = t; this.place(); }
+    // Marks the moment `t`, s, in every chart, and shows the robot there.
+    mark(t) { this.moment = t; this.place(); this.robot?.show(t); }
     place() {
       const t = this.moment, inside = t !== undefined && t >= this.window[0] && t <= this.window[1];
       for (const c of this.charts) {
@@ -406,6 +413,7 @@ var deltatwin = (() => {
     }
     resize() {
       for (const c of [...this.charts, this.strip, this.pair, ...(this.small || [])]) c.u.setSize({ width: c.width(), height: c.u.height });
+      this.robot?.draw();
       this.draw();
     }
     recolor() {
@@ -413,6 +421,7 @@ var deltatwin = (() => {
       this.pair.late = false;
       this.drawPair();
       this.drawMaps?.();
+      this.robot?.draw();
     }
 
     // -- any signal over any other
@@ -650,6 +659,165 @@ var deltatwin = (() => {
         }
       };
       this.drawMaps();
+    }
+  }
+
+  // ---- the robot -----------------------------------------------------------------------------------------------------
+
+  // Residual of a drive, in standard deviations of the noise as the charts show it, up to which its limb has a colour.
+  const GRADES = [[2, "--good"], [5, "--amber"], [Infinity, "--bad"]];
+  // Angle of a key press and of a dragged pixel, rad; longest time in which the chosen part is played, s.
+  const TURN = Math.PI / 18, PER_PIXEL = .01, PLAYED = 20;
+
+  // The robot at a moment of the recording, see `signals/robot.rs`; each limb in the colour of its drive's residual.
+  class Robot {
+    constructor(signals, box) {
+      this.signals = signals;
+      this.content = signals.header.robot;
+      this.turned = .35;
+      this.raised = .35;
+      this.canvas = element(box, "canvas", { tabindex: "0", role: "img" });
+      const row = element(box, "div", { class: "choice" });
+      this.button = element(row, "button", { type: "button", "aria-label": "play" }, "▶");
+      this.button.onclick = () => this.play(!this.playing);
+      const [a, b] = signals.whole;
+      this.slider = element(row, "input", { type: "range", "aria-label": "time of the robot, s", min: a, max: b, step: (b - a) / 1000 });
+      this.slider.oninput = () => { this.play(false); this.signals.mark(+this.slider.value); };
+      keys(box, GRADES.map(([end, color], k) => [isFinite(end) ? `to ${end} × noise` : "above", color]));
+      this.values = element(box, "p", { class: "small" });
+      element(box, "p", { class: "small" }, "Follows the cursor of the charts; drag or arrow keys turn it.");
+      this.range();
+      this.listen();
+      this.show(a);
+    }
+
+    // Upright cylinder around all that is seen: middle, radius and half its height, m.
+    range() {
+      const ends = [...this.content.faces.flat(), ...this.content.rods.flatMap(r => r.ends)], all = [];
+      for (const [point, ...offset] of ends) {
+        if (point < 0) { all.push(offset); continue; }
+        const p = this.signals.points[point];
+        for (let k = 0; k < this.content.poses; k++) all.push(offset.map((d, i) => d + p[i][k]));
+      }
+      const low = [Infinity, Infinity, Infinity], high = low.map(x => -x);
+      for (const p of all) p.forEach((x, i) => { low[i] = Math.min(low[i], x); high[i] = Math.max(high[i], x); });
+      this.middle = low.map((x, i) => (x + high[i]) / 2);
+      this.radius = all.reduce((most, p) => Math.max(most, Math.hypot(p[0] - this.middle[0], p[1] - this.middle[1])), 0);
+      this.height = (high[2] - low[2]) / 2;
+    }
+
+    listen() {
+      const { canvas } = this;
+      let from = null;
+      canvas.addEventListener("pointerdown", e => { from = [e.clientX, e.clientY]; canvas.setPointerCapture(e.pointerId); });
+      canvas.addEventListener("pointermove", e => {
+        if (!from) return;
+        this.turn((from[0] - e.clientX) * PER_PIXEL, (e.clientY - from[1]) * PER_PIXEL);
+        from = [e.clientX, e.clientY];
+      });
+      for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => { from = null; });
+      canvas.addEventListener("keydown", e => {
+        const by = { ArrowLeft: [TURN, 0], ArrowRight: [-TURN, 0], ArrowUp: [0, TURN], ArrowDown: [0, -TURN] }[e.key];
+        if (by && !e.ctrlKey && !e.metaKey && !e.altKey) { e.preventDefault(); this.turn(...by); }
+      });
+    }
+
+    turn(about, up) {
+      this.turned += about;
+      this.raised = Math.min(Math.max(this.raised + up, -Math.PI / 2), Math.PI / 2);
+      this.draw();
+    }
+
+    // Plays the chosen time, from the moment shown if it lies in there.
+    play(on) {
+      this.playing = on;
+      this.button.textContent = on ? "❚❚" : "▶";
+      this.button.setAttribute("aria-label", on ? "pause" : "play");
+      let last = performance.now();
+      const step = now => {
+        if (!this.playing || !this.canvas.isConnected) return;
+        const [a, b] = this.signals.window, next = this.t + Math.max(1, (b - a) / PLAYED) * (now - last) / 1e3;
+        last = now;
+        this.signals.mark(next >= a && next <= b ? next : a);
+        requestAnimationFrame(step);
+      };
+      if (on) requestAnimationFrame(step);
+    }
+
+    // The moment `t`, s.
+    show(t) {
+      this.t = t;
+      this.slider.value = t;
+      if (!this.pending) this.pending = requestAnimationFrame(() => { this.pending = 0; this.draw(); });
+    }
+
+    // Coordinates of a point at the moment, between the poses around it unless there is a gap.
+    place() {
+      const { t } = this.signals, { poses, every } = this.content;
+      const k = Math.min(Math.max(below(t, this.t), 0), t.length - 1), at = Math.min(Math.floor(k / every), poses - 1), next = Math.min(at + 1, poses - 1);
+      const gap = next === at || this.signals.header.breaks.some(b => b > at * every && b <= next * every);
+      const share = gap ? 0 : Math.min(Math.max((this.t - t[at * every]) / (t[next * every] - t[at * every]), 0), 1);
+      return this.signals.points.map(p => p.map(x => x[at] + share * (x[next] - x[at])));
+    }
+
+    // Ratio of every drive's residual to the noise at the moment, of the last stage shown.
+    ratios() {
+      const { signals } = this, stage = signals.shown.lastIndexOf(true), k = Math.min(below(signals.t, this.t), signals.t.length - 1);
+      const all = new Map();
+      for (const c of signals.channels) {
+        if (c.drive === null || !(c.noise > 0) || stage < 0) continue;
+        const left = (signals.average ? c.pyramids.average : c.pyramids.left)[stage][0].low[k];
+        all.set(c.drive, { name: c.name, ratio: Math.abs(left) / (signals.average ? c.noise / Math.sqrt(signals.samples) : c.noise) });
+      }
+      return all;
+    }
+
+    draw() {
+      const { canvas, content } = this, ratio = devicePixelRatio || 1, w = canvas.clientWidth || 260, h = canvas.clientHeight || 260;
+      canvas.width = w * ratio;
+      canvas.height = h * ratio;
+      const ctx = canvas.getContext("2d"), points = this.place(), ratios = this.ratios();
+      ctx.scale(ratio, ratio);
+      const [s, c, up, along] = [Math.sin(this.turned), Math.cos(this.turned), Math.sin(this.raised), Math.cos(this.raised)];
+      const scale = Math.min((w / 2 - 6) / this.radius, (h / 2 - 6) / (along * this.height + Math.abs(up) * this.radius));
+      // On the canvas x to the right, y downwards; depth grows towards the eye.
+      const seen = ([point, ...offset]) => {
+        const [x, y, z] = offset.map((d, k) => d + (point < 0 ? 0 : points[point][k]) - this.middle[k]);
+        const right = c * x - s * y, away = s * x + c * y;
+        return [w / 2 + scale * right, h / 2 - scale * (along * z + up * away), up * z - along * away];
+      };
+      const grade = of => ratios.has(of) ? GRADES.find(([end]) => ratios.get(of).ratio <= end)[1] : "--quiet";
+      const parts = [
+        ...content.faces.map(f => ({ ends: f.map(seen), face: true })),
+        ...content.rods.map(r => ({ ends: r.ends.map(seen), wide: Math.max(1.5, scale * r.wide), color: grade(r.of) })),
+      ];
+      const depth = p => p.ends.reduce((sum, e) => sum + e[2], 0) / p.ends.length;
+      parts.sort((a, b) => depth(a) - depth(b));
+      const [paper, quiet] = [css("--paper"), css("--quiet")];
+      ctx.lineCap = ctx.lineJoin = "round";
+      for (const p of parts) {
+        ctx.beginPath();
+        for (const e of p.ends) ctx.lineTo(e[0], e[1]);
+        if (p.face) {
+          ctx.closePath();
+          ctx.fillStyle = ctx.strokeStyle = quiet;
+          ctx.globalAlpha = .3;
+          ctx.fill();
+          ctx.globalAlpha = 1;
+          ctx.lineWidth = 2;
+          ctx.stroke();
+          continue;
+        }
+        // An edge in the colour of the paper separates what is in front from what is behind.
+        for (const [color, wide] of [[paper, p.wide + 2], [css(p.color), p.wide]]) {
+          ctx.strokeStyle = color;
+          ctx.lineWidth = wide;
+          ctx.stroke();
+        }
+      }
+      const told = [...ratios.values()].map(r => `${r.name} ${+r.ratio.toFixed(1)}`).join(", ");
+      this.values.textContent = `${this.t.toFixed(2)} s, residual over noise: ${told || "no noise is known"}`;
+      canvas.setAttribute("aria-label", `the robot at ${this.values.textContent}; arrow keys turn it`);
     }
   }
 

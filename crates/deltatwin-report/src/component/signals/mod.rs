@@ -1,9 +1,10 @@
 //! Measured channels and residuals of a recording as data of the page, and the panels that show them: over time, over the
-//! motion, over frequency and over the workspace. `assets/page.js` reads what is written here.
+//! motion, over frequency and over the workspace, and the robot. `assets/page.js` reads what is written here.
 
 mod map;
 mod pack;
 mod places;
+mod robot;
 
 use std::fmt::Write as _;
 
@@ -55,6 +56,7 @@ impl Signals {
             json!({
                 "name": channel.title(dataset.mechanism),
                 "key": channel.to_string(),
+                "drive": channel.drive(),
                 "unit": channel.unit(dataset.mechanism).to_string(),
                 "noise": floor,
                 "measured": measured,
@@ -73,6 +75,7 @@ impl Signals {
         };
         let angles = joints("", &|j, axis| j.q[axis]);
         let rates = joints("/s", &|j, axis| j.qd[axis]);
+        let robot = stages.last().map_or(Value::Null, |s| robot::of(s.model, dataset, &mut packed));
         let header = json!({
             "recording": dataset.name,
             "samples": packed.len(),
@@ -83,6 +86,7 @@ impl Signals {
             "channels": channels,
             "angles": angles,
             "rates": rates,
+            "robot": robot,
             "places": places::of(dataset, &left),
             "maps": stages.last().map_or(Value::Null, |s| map::of(s.model, dataset, &left, noise)),
         });

@@ -26,12 +26,23 @@ impl Packed {
         self.kept.len()
     }
 
+    /// The recording's indices of every `stride`-th sample.
+    pub fn every(&self, stride: usize) -> Vec<usize> {
+        self.kept.iter().step_by(stride).copied().collect()
+    }
+
+    /// Stores a series over the recording by [`Self::add_all`], at the samples of the page.
+    pub fn add(&mut self, series: &[f64], step: f64, order: usize) -> Value {
+        let own: Vec<f64> = self.kept.iter().map(|&k| series[k]).collect();
+        self.add_all(&own, step, order)
+    }
+
     /// Stores the differences of the given `order` of a series in steps of `step`; returns where it is.
     ///
     /// Differences are taken modulo 2¹⁶, so that summing restores every value that sixteen bits hold.
-    pub fn add(&mut self, series: &[f64], step: f64, order: usize) -> Value {
+    pub fn add_all(&mut self, series: &[f64], step: f64, order: usize) -> Value {
         let quantised = |x: f64| (x / step).round().clamp(-32_767.0, 32_767.0) as i16;
-        let mut values: Vec<i16> = self.kept.iter().map(|&k| quantised(series[k])).collect();
+        let mut values: Vec<i16> = series.iter().map(|x| quantised(*x)).collect();
         for _ in 0..order {
             for k in (1..values.len()).rev() {
                 values[k] = values[k].wrapping_sub(values[k - 1]);
