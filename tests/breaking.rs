@@ -31,22 +31,25 @@ fn bare(name: &str, t: f64) -> (Plant, Motion) {
     (plant, motion)
 }
 
-fn run(name: &str, change: impl FnOnce(&mut Options)) -> (Recording, Report) {
-    let (model, setup, desired, _) = moving(name, 0.0);
+fn run(name: &str, change: impl FnOnce(&mut Model, &mut Options)) -> (Recording, Report) {
+    let (mut model, setup, desired, _) = moving(name, 0.0);
     let mut options = Options { duration: 0.3, noise_seed: None, ..Options::default() };
     (options.sensors.sockets, options.sensors.velocity) = (true, true);
-    change(&mut options);
+    change(&mut model, &mut options);
     let believed = Plant::new(&model, &setup);
     simulate(&model, &setup, &believed, &|t| desired.at(t), &options, &mut |_| true).expect("a feasible motion")
 }
 
+/// Margins agree as far as the roll of the struts does: in the coordinates of the drives the cups face each other, free struts do not
+/// spin, which on a way that is no plane turns them by the angle that it encloses.
 #[test]
 fn whole_relatives_run_alike_in_all_bodies_and_in_their_drives() {
     for name in RELATIVES {
         let [(drives, _), (bodies, report)] = [Formulation::Eliminated, Formulation::Absolute].map(|formulation| {
-            run(name, |options| {
+            run(name, |model, options| {
                 (options.formulation, options.duration) = (formulation, 0.06);
                 options.substeps *= 8;
+                options.sensors.strut_upper[..model.mechanism.struts()].fill(true);
             })
         });
         let worst = |channel: Channel| {
@@ -56,9 +59,13 @@ fn whole_relatives_run_alike_in_all_bodies_and_in_their_drives() {
         let of = |channels: &[Channel]| channels.iter().map(|c| worst(*c)).fold(0.0, f64::max);
         let machine = model(name).mechanism;
         let rates: Vec<_> = (0..machine.axes()).map(Channel::Rate).collect();
-        let (margin, rate) = (of(&Channel::of_sockets(machine)), of(&rates));
-        println!("{name}: rates to {rate:.1e} rad/s, margins to {margin:.1e} N, energy {:.1e}", report.energy_error);
-        assert!(rate < 1e-8 && margin < 1e-3 && report.energy_closes(), "{name}: {rate:e} {margin:e}");
+        let struts: Vec<_> = (0..machine.struts()).map(Channel::StrutUpper).collect();
+        let (margin, rate, force) = (of(&Channel::of_sockets(machine)), of(&rates), of(&struts));
+        println!("{name}: rates to {rate:.1e} rad/s, forces to {force:.1e} N, margins to {margin:.1e} N");
+        assert!(
+            rate < 1e-8 && force < 1e-5 && margin < 0.1 && report.energy_closes(),
+            "{name}: {rate:e} {force:e} {margin:e}"
+        );
     }
 }
 
@@ -134,7 +141,7 @@ fn a_relative_that_picks_up_a_body_at_rest_loses_the_energy_of_the_lost_velociti
 #[test]
 fn sockets_of_a_relative_leave_their_balls_and_its_drives_trip() {
     for name in RELATIVES {
-        let (whole, _) = run(name, |_| {});
+        let (whole, _) = run(name, |_, _| {});
         let machine = model(name).mechanism;
         let least = |recording: &Recording| {
             let of = |c: &Channel| recording.signals[*c].iter().copied().fold(f64::INFINITY, f64::min);
@@ -143,7 +150,7 @@ fn sockets_of_a_relative_leave_their_balls_and_its_drives_trip() {
         // Sockets that hold less than the motion asks for.
         let hold = 0.8 * (model(name).sockets.dislocation_force - least(&whole));
         let clamps = Clamps { hold: [hold; MAX_SOCKETS], preload: [1e12; MAX_SOCKETS], share: 0.0, armed: true };
-        let (broken, report) = run(name, |options| {
+        let (broken, report) = run(name, |_, options| {
             options.clamps = Some(clamps);
             options.contacts = Some(deltatwin_cell::contacts);
         });

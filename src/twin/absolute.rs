@@ -8,6 +8,7 @@
 
 use std::ops::Range;
 
+use arrayvec::ArrayVec;
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
 
 use super::SingularPose;
@@ -33,6 +34,9 @@ const BODY: usize = 16;
 const TURN: usize = 7;
 const VELOCITY: usize = 10;
 const OMEGA: usize = 13;
+
+/// Elastic struts at one instant.
+type Stretches = ArrayVec<Stretch, MAX_STRUTS>;
 
 /// The joints of a machine in absolute coordinates, and the layout of its state: bodies, then the angles of the axes
 /// including full turns, which the orientations do not determine, then the elongations of the struts and their rates.
@@ -93,13 +97,14 @@ impl Joints {
     }
 
     /// Elastic struts at a state, without implicit terms; `None` if they are rigid.
-    fn stretches(&self, y: &[f64]) -> Option<Vec<Stretch>> {
-        let now = y[self.elongations()].iter().zip(&y[self.rates()]);
-        let stretch = |((spring, rod), (&elongation, &rate)): ((&StrutSpring, &Rod), (&f64, &f64))| {
+    fn stretches(&self, y: &[f64]) -> Option<Stretches> {
+        let (elongations, rates) = (&y[self.elongations()], &y[self.rates()]);
+        let stretch = |s: usize, spring: &StrutSpring| {
+            let (elongation, rate) = (elongations[s], rates[s]);
             let force = -spring.stiffness * elongation - spring.damping * rate;
-            Stretch { rod: *rod, elongation, rate, force, added: 0.0 }
+            Stretch { rod: self.rods[s], elongation, rate, force, added: 0.0 }
         };
-        self.springs.as_ref().map(|springs| springs.iter().zip(&self.rods).zip(now).map(stretch).collect())
+        self.springs.as_ref().map(|springs| springs.iter().enumerate().map(|(s, spring)| stretch(s, spring)).collect())
     }
 
     /// Power of the elastic struts on the bodies, W.

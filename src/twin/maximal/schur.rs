@@ -45,10 +45,9 @@ impl Branch {
     }
 
     /// Positions of the rows of open sockets among its first `n` rows.
-    fn open(&self, closed: SocketSet, n: usize) -> impl Iterator<Item = usize> + use<> {
-        let sockets = self.layout.sockets.clone();
-        let open = sockets.into_iter().filter(move |&(socket, at)| at < n && !closed.contains(socket));
-        open.flat_map(|(_, at)| at..at + 3)
+    fn open(layout: &Layout, closed: SocketSet, n: usize) -> impl Iterator<Item = usize> {
+        let open = layout.sockets.iter().filter(move |(socket, at)| *at < n && !closed.contains(*socket));
+        open.flat_map(|&(_, at)| at..at + 3)
     }
 }
 
@@ -70,7 +69,7 @@ impl Schur {
         hub.front.diagonal(&mut hub.diagonal);
         hub.relax(tikhonov);
         let all = hub.layout.inner;
-        for k in hub.open(closed, all) {
+        for k in Branch::open(&hub.layout, closed, all) {
             hub.diagonal[k] = 1.0;
             hub.front.column(k)[0] = 1.0;
         }
@@ -87,7 +86,7 @@ impl Schur {
                     }
                 }
             }
-            for k in branch.open(closed, inner) {
+            for k in Branch::open(&branch.layout, closed, inner) {
                 branch.front.column(k)[0] = 1.0;
             }
             branch.front.diagonal(&mut branch.diagonal);
