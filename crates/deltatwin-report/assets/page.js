@@ -772,6 +772,10 @@ var deltatwin = (() => {
       return all;
     }
 
+    grade(of, ratios = this.ratios()) {
+      return ratios.has(of) ? GRADES.find(([end]) => ratios.get(of).ratio <= end)[1] : "--quiet";
+    }
+
     draw() {
       const { canvas, content } = this, ratio = devicePixelRatio || 1, w = canvas.clientWidth || 260, h = canvas.clientHeight || 260;
       canvas.width = w * ratio;
@@ -786,10 +790,9 @@ var deltatwin = (() => {
         const right = c * x - s * y, away = s * x + c * y;
         return [w / 2 + scale * right, h / 2 - scale * (along * z + up * away), up * z - along * away];
       };
-      const grade = of => ratios.has(of) ? GRADES.find(([end]) => ratios.get(of).ratio <= end)[1] : "--quiet";
       const parts = [
         ...content.faces.map(f => ({ ends: f.map(seen), face: true })),
-        ...content.rods.map(r => ({ ends: r.ends.map(seen), wide: Math.max(1.5, scale * r.wide), color: grade(r.of) })),
+        ...content.rods.map(r => ({ ends: r.ends.map(seen), wide: Math.max(1.5, scale * r.wide), color: this.grade(r.of, ratios) })),
       ];
       const depth = p => p.ends.reduce((sum, e) => sum + e[2], 0) / p.ends.length;
       parts.sort((a, b) => depth(a) - depth(b));

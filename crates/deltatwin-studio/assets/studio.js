@@ -287,7 +287,15 @@
         look.onclick = () => { columns = k; shown = ""; panel(); };
         const out = element(row, "button", { type: "button", "aria-label": `leave out ${r.file}` }, "✕");
         out.onclick = () => act({ do: "leave_out", recording: k });
-        for (const b of [use, out]) b.disabled = busy();
+        const drops = r.maps.map((map, i) => {
+          const own = element(box, "div", { class: "row" });
+          element(own, "span", { class: "small" }, "read with");
+          element(own, "code", { class: "grow" }, map);
+          const drop = element(own, "button", { type: "button", "aria-label": `read ${r.file} without ${map}` }, "✕");
+          drop.onclick = () => act({ do: "without", recording: k, map: i });
+          return drop;
+        });
+        for (const b of [use, out, ...drops]) b.disabled = busy();
       });
       element(box, "h3", {}, "Model");
       const row = element(box, "div", { class: "row" });
@@ -325,15 +333,15 @@
         const option = remedy.kind === "map" ? `--map "${remedy.text}"` : `--payload-mass ${remedy.text}`;
         element(card, "p").append(Object.assign(document.createElement("code"), { textContent: option }));
         // One click cures everything that one mapping names.
-        if (map.has(option)) { element(card, "p", { class: "small" }, "is part of the remedy above"); continue; }
-        map.add(option);
+        const one = `${option} of ${remedy.kind === "map" ? remedy.recording : "all"}`;
+        if (map.has(one)) { element(card, "p", { class: "small" }, "is part of the remedy above"); continue; }
+        map.add(one);
         const b = element(card, "button", { type: "button" }, "apply and check again");
         b.disabled = busy();
         b.onclick = () => {
-          const how = structuredClone(state.session.how);
-          if (remedy.kind === "map") how.maps.push(remedy.text); else how.payload_mass = +remedy.text;
           follow = [{ do: "check" }];
-          act({ do: "read", how });
+          if (remedy.kind === "map") act({ do: "remedy", recording: remedy.recording, map: remedy.text });
+          else act({ do: "read", how: { ...state.session.how, payload_mass: +remedy.text } });
         };
       }
       if (!r.good) {

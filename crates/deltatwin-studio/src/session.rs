@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use deltatwin_analysis::Inputs;
 use deltatwin_analysis::folder::{Input, sha256};
 use deltatwin_io::file::replace_text;
-use deltatwin_io::recording::{Mapping, setup};
+use deltatwin_io::recording::Mapping;
+use deltatwin_io::recording::setup::{self, Sidecar};
 use deltatwin_report::Role;
 use miette::{IntoDiagnostic, WrapErr, miette};
 use serde::{Deserialize, Serialize};
@@ -80,6 +81,32 @@ pub struct Recording {
     /// SHA-256 of its content.
     #[serde(default)]
     pub sha256: String,
+}
+
+impl Recording {
+    /// The `maps` of its sidecar in `folder`; none without one.
+    ///
+    /// # Errors
+    /// If the sidecar cannot be read.
+    pub fn maps(&self, folder: &Path) -> miette::Result<Vec<Mapping>> {
+        let beside = setup::sidecar(&folder.join(&self.file));
+        if beside.is_file() { Ok(Sidecar::read(&beside).into_diagnostic()?.maps) } else { Ok(Vec::new()) }
+    }
+
+    /// Sets the `maps` of its sidecar in `folder`; a sidecar that then says nothing is removed.
+    ///
+    /// # Errors
+    /// If the sidecar cannot be read or written.
+    pub fn set_maps(&self, folder: &Path, maps: &[Mapping]) -> miette::Result<()> {
+        let beside = setup::sidecar(&folder.join(&self.file));
+        let text = if beside.is_file() { std::fs::read_to_string(&beside).into_diagnostic()? } else { String::new() };
+        let text = setup::with_maps(&text, maps, &beside.display().to_string()).into_diagnostic()?;
+        match text.trim().is_empty() {
+            true if beside.is_file() => std::fs::remove_file(&beside).into_diagnostic(),
+            true => Ok(()),
+            false => replace_text(&beside, &text).into_diagnostic(),
+        }
+    }
 }
 
 /// How the recordings are read, as the options of the commands.
@@ -190,6 +217,9 @@ pub struct Remedy {
     pub kind: String,
     /// Text of the option, or advice.
     pub text: String,
+    /// File of the recording, to whose sidecar a `map` is added.
+    #[serde(default)]
+    pub recording: String,
 }
 
 impl Default for Session {
@@ -366,6 +396,35 @@ impl Session {
         Ok(())
     }
 
+    /// Changes the `maps` of the sidecar of recording `index` in `folder`.
+    ///
+    /// The maps that hold for all recordings are moved into all sidecars before: they were applied first.
+    ///
+    /// # Errors
+    /// If there is no such recording, or a sidecar cannot be read or written.
+    pub fn remap(
+        &mut self,
+        folder: &Path,
+        index: Option<usize>,
+        change: impl FnOnce(&mut Vec<Mapping>) -> miette::Result<()>,
+    ) -> miette::Result<()> {
+        let index =
+            index.filter(|k| *k < self.recordings.len()).ok_or_else(|| miette!("there is no such recording"))?;
+        let common = self.inputs(folder)?.maps;
+        let mut all: Vec<Vec<Mapping>> = Vec::new();
+        for recording in &self.recordings {
+            all.push([recording.maps(folder)?, common.clone()].concat());
+        }
+        change(&mut all[index])?;
+        for (recording, maps) in self.recordings.iter().zip(&all) {
+            if *maps != recording.maps(folder)? {
+                recording.set_maps(folder, maps)?;
+            }
+        }
+        self.how.maps.clear();
+        Ok(())
+    }
+
     /// File of the result of `stage` as a part of a page; a result of an earlier program has the name of the stage.
     pub fn part(&self, folder: &Path, stage: &str) -> Option<PathBuf> {
         self.stages.get(stage)?;
@@ -410,6 +469,49 @@ mod tests {
 
     fn version(parent: Option<usize>) -> Version {
         Version { parent, ..Version::delivered("models/a.toml", "a") }
+    }
+
+    #[test]
+    fn a_remedy_belongs_to_its_recording_and_can_be_undone() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("data")).unwrap();
+        let mut session = Session::default();
+        session.add("data/a.csv".into());
+        session.add("data/b.csv".into());
+        for r in &session.recordings {
+            std::fs::write(folder.path().join(&r.file), "t,q1,tau1\n").unwrap();
+        }
+        let stated = "[payload]\nmass = 1.5 # kg\n";
+        std::fs::write(folder.path().join("data/b.setup.toml"), stated).unwrap();
+        let of = |session: &Session| -> Vec<Vec<String>> {
+            let maps = |r: &Recording| r.maps(folder.path()).unwrap().iter().map(Mapping::to_string).collect();
+            session.recordings.iter().map(maps).collect()
+        };
+        let remedy = |text: &str| {
+            let map = text.parse::<Mapping>().unwrap();
+            move |maps: &mut Vec<Mapping>| {
+                maps.push(map);
+                Ok(())
+            }
+        };
+        let none: [&str; 0] = [];
+        session.remap(folder.path(), Some(1), remedy("tau1=-tau1")).unwrap();
+        assert_eq!(of(&session), [&none[..], &["tau1=-tau1"]]);
+        // What holds for all was applied first, and stays first.
+        session.how.maps.push("q1=q1+0.5".into());
+        session.remap(folder.path(), Some(0), remedy("q1=-q1")).unwrap();
+        assert_eq!(of(&session), [&["q1=q1+0.5", "q1=-q1"], &["tau1=-tau1", "q1=q1+0.5"]]);
+        assert!(session.how.maps.is_empty());
+        for k in [0, 1] {
+            let clear = |maps: &mut Vec<Mapping>| {
+                maps.clear();
+                Ok(())
+            };
+            session.remap(folder.path(), Some(k), clear).unwrap();
+        }
+        assert!(!folder.path().join("data/a.setup.toml").exists());
+        assert_eq!(std::fs::read_to_string(folder.path().join("data/b.setup.toml")).unwrap(), stated);
+        assert!(session.remap(folder.path(), Some(2), remedy("q1=-q1")).unwrap_err().to_string().contains("no such"));
     }
 
     #[test]

@@ -149,7 +149,10 @@ pub(crate) fn check(task: &Task, job: &Job) -> miette::Result<Outcome> {
     let good = examined.refused.is_empty() || task.session.how.no_gate;
     let mut remedies: Vec<Remedy> = Vec::new();
     let mut report = Report::new("", "");
-    for dataset in task.data.datasets.iter().chain(&task.data.held_out) {
+    let files =
+        |held_out: bool| task.session.recordings.iter().filter(move |r| r.held_out == held_out).map(|r| &r.file);
+    let datasets = task.data.datasets.iter().chain(&task.data.held_out);
+    for (dataset, file) in datasets.zip(files(false).chain(files(true))) {
         let own: Vec<_> = examined.findings.iter().filter(|f| f.recording == dataset.name).cloned().collect();
         let all = combined(&own);
         report.heading(&dataset.name);
@@ -162,7 +165,8 @@ pub(crate) fn check(task: &Task, job: &Job) -> miette::Result<Outcome> {
                 GateRemedy::PayloadMass(mass) => ("payload_mass", significant(*mass, 4)),
                 GateRemedy::Payload(_) | GateRemedy::Words(_) => ("words", finding.remedy.to_string()),
             };
-            remedies.push(Remedy { sentence, severe: finding.severe, kind: kind.into(), text });
+            let (severe, recording) = (finding.severe, file.clone());
+            remedies.push(Remedy { sentence, severe, kind: kind.into(), text, recording });
         }
     }
     let mut errors = Vec::new();

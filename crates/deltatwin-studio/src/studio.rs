@@ -11,7 +11,7 @@ use deltatwin_analysis::law::TermError;
 use deltatwin_analysis::page::quoted;
 use deltatwin_io::model;
 use deltatwin_io::model::shipped::SHIPPED;
-use deltatwin_io::recording::setup;
+use deltatwin_io::recording::{Mapping, setup};
 use deltatwin_validation::demo::{EXAMPLE, hide, write_example};
 use miette::{IntoDiagnostic, miette};
 use serde_json::Value;
@@ -196,11 +196,34 @@ impl Studio {
             "read" => {
                 let how: How = serde_json::from_value(request["how"].clone()).into_diagnostic()?;
                 self.idle()?.change(|s| {
+                    // A new assignment is of columns of the files, which earlier ones would have read already.
+                    let new = how.maps.iter().any(|map| !s.how.maps.contains(map));
                     s.how = how;
                     s.inputs(Path::new(""))?;
+                    if new {
+                        s.recordings.iter().try_for_each(|r| r.set_maps(&self.folder, &[]))?;
+                    }
                     s.changed(&self.folder)
                 })
             }
+            "remedy" => self.idle()?.change(|s| {
+                let map: Mapping = text("map").parse().map_err(|e| miette!("map \"{}\": {e}", text("map")))?;
+                let file = text("recording");
+                let own = s.recordings.iter().position(|r| r.file == file);
+                s.remap(&self.folder, own, |maps| {
+                    maps.push(map);
+                    Ok(())
+                })?;
+                s.changed(&self.folder)
+            }),
+            "without" => self.idle()?.change(|s| {
+                s.remap(&self.folder, index("recording"), |maps| {
+                    let k = index("map").filter(|k| *k < maps.len()).ok_or_else(|| miette!("there is no such map"))?;
+                    maps.remove(k);
+                    Ok(())
+                })?;
+                s.changed(&self.folder)
+            }),
             "version" => self.idle()?.change(|s| {
                 let k = index("version").filter(|k| *k < s.versions.len());
                 s.current = Some(k.ok_or_else(|| miette!("there is no such version"))?);

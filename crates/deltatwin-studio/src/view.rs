@@ -9,6 +9,7 @@ use deltatwin::machine::Setup;
 use deltatwin::model::Model;
 use deltatwin::recording::Channel;
 use deltatwin_analysis::law;
+use deltatwin_io::recording::setup::{self, Sidecar};
 use deltatwin_io::recording::{Mapping, Preview, Reading, preview};
 use deltatwin_io::{model, recording};
 use deltatwin_report::{Callout, Report};
@@ -31,6 +32,12 @@ pub(crate) fn state(studio: &Studio) -> Value {
     for (version, own) in versions.zip(&inner.session.versions) {
         version["known"].take();
         version["role"] = own.role().class().into();
+    }
+    let recordings = session["recordings"].as_array_mut().into_iter().flatten();
+    for (recording, own) in recordings.zip(&inner.session.recordings) {
+        // A sidecar that cannot be read is reported where the recording is read.
+        let maps = own.maps(studio.folder()).unwrap_or_default();
+        recording["maps"] = maps.iter().map(Mapping::to_string).collect();
     }
     json!({
         "revision": inner.revision,
@@ -67,12 +74,14 @@ pub(crate) fn columns(studio: &Studio, index: usize) -> miette::Result<Value> {
     let machine = session.current.and_then(|k| model::read(&studio.folder().join(&session.versions[k].file)).ok());
     let how = inputs.reading(machine.as_ref().map(|m| m.mechanism));
     // Later mappings refer to what the first has read, not to columns of the file.
-    let first: &[Mapping] = inputs.maps.get(..1).unwrap_or_default();
+    let beside = setup::sidecar(&file);
+    let own = if beside.is_file() { Sidecar::read(&beside).unwrap_or_default() } else { Sidecar::default() };
+    let first: Vec<Mapping> = own.assignments().chain(&inputs.maps).take(1).cloned().collect();
     let read = recording::read_as(&file, &how);
     let short = |text: String| text.replace(&format!("{}/", studio.folder().display()), "");
     let problem = read.as_ref().err().map(|e| short(chain(e)));
     let warnings: Vec<String> = read.as_ref().map(|(_, w)| w.iter().cloned().map(short).collect()).unwrap_or_default();
-    let table = preview(&file, &Reading { maps: first, ..how });
+    let table = preview(&file, &Reading { maps: &first, ..how });
     let is_table = table.is_ok();
     let (rows, shown) = match (table, &read) {
         (Ok(Preview { rows, columns, .. }), _) => {

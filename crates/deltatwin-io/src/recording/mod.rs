@@ -64,8 +64,8 @@ pub fn read_of(path: &Path, setup: Option<&Path>, machine: Mechanism) -> Result<
 
 /// Reads a recording, whose format is determined from its content; also returns warnings about what was repaired.
 ///
-/// The setup is that of `how.setup`, else of the sidecar `<stem>.setup.toml`, else of the MCAP metadata, else the
-/// default. The sidecar's `[columns]` are applied before `how.maps`.
+/// The setup is that of `how.setup`, else of the sidecar `<stem>.setup.toml` if it states any, else of the MCAP metadata,
+/// else the default. The sidecar's `[columns]` and then its `maps` are applied before `how.maps`.
 ///
 /// # Errors
 /// A [`ReadError`] if a file cannot be read or a fault cannot be repaired, with file, row and column.
@@ -76,10 +76,9 @@ pub fn read_as(path: &Path, how: &Reading) -> Result<(Recording, Vec<String>), R
         None if beside.is_file() => Some(Sidecar::read(&beside)?),
         None => None,
     };
-    let columns = outside.iter().map(|s| &s.columns).filter(|c| !c.is_empty());
-    let maps: Vec<Mapping> = columns.chain(how.maps).cloned().collect();
+    let maps: Vec<Mapping> = outside.iter().flat_map(Sidecar::assignments).chain(how.maps).cloned().collect();
     let machine = how.machine.or(outside.as_ref().and_then(|s| s.machine));
-    let outside = outside.map(|s| s.setup);
+    let outside = outside.and_then(|s| s.setup);
     let (signals, inside, mut warnings) = if bag::is_bag(path) {
         bag::read(path, &Reading { machine, maps: &maps, ..*how })?
     } else {

@@ -30,18 +30,24 @@ struct Document {
     arms: Option<Spanned<String>>,
     effort: Option<Spanned<String>>,
     columns: BTreeMap<String, Spanned<String>>,
+    maps: Vec<Spanned<String>>,
 }
+
+/// Keys of the setup itself.
+const OF_SETUP: [&str; 4] = ["configuration", "payload", "load", "noise"];
 
 /// Content of a sidecar: setup of the run, and assignment of columns to channels.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sidecar {
-    /// Setup of the run.
-    pub setup: Setup,
+    /// Setup of the run; `None` if the sidecar only says how the recording is read.
+    pub setup: Option<Setup>,
     /// The machine of the recording, where its columns do not tell: a single axis by `joint` and `effort`, a robot on
     /// carriages by `arms`.
     pub machine: Option<Mechanism>,
     /// `[columns]`: channel = "column[unit]".
     pub columns: Mapping,
+    /// `maps`: assignments that are applied after `columns`, in order.
+    pub maps: Vec<Mapping>,
 }
 
 #[derive(Deserialize, Clone, Copy)]
@@ -82,6 +88,7 @@ impl Default for Document {
             arms: None,
             effort: None,
             columns: BTreeMap::new(),
+            maps: Vec::new(),
         }
     }
 }
@@ -97,7 +104,7 @@ impl Default for Load {
 /// # Errors
 /// If the file cannot be read; else the first error in it, with its position.
 pub fn read(path: &Path) -> Result<Setup, ReadError> {
-    Ok(Sidecar::read(path)?.setup)
+    Ok(Sidecar::read(path)?.setup.unwrap_or_default())
 }
 
 /// Reads a setup from TOML; `name` stands for the text in errors.
@@ -105,7 +112,7 @@ pub fn read(path: &Path) -> Result<Setup, ReadError> {
 /// # Errors
 /// The first error in the text, with its position.
 pub fn from_toml(text: &str, name: &str) -> Result<Setup, ReadError> {
-    Ok(Sidecar::from_toml(text, name)?.setup)
+    Ok(Sidecar::from_toml(text, name)?.setup.unwrap_or_default())
 }
 
 impl Sidecar {
@@ -128,6 +135,7 @@ impl Sidecar {
     pub fn from_toml(text: &str, name: &str) -> Result<Self, ReadError> {
         let source = Source::new(name, text);
         let document: Document = toml::from_str(text).map_err(|e| source.broken(&e))?;
+        let keys: toml::Table = toml::from_str(text).map_err(|e| source.broken(&e))?;
         let setup = Setup {
             configuration: match document.configuration {
                 State::Assembled => Configuration::Assembled,
@@ -142,8 +150,36 @@ impl Sidecar {
             let refused = |e: String| source.problem(column.span(), format!("`columns.{channel}`: {e}"));
             columns.assign(channel, column.get_ref()).map_err(refused)?;
         }
-        Ok(Self { setup, machine: machine(&source, &document)?, columns })
+        let map = |(k, text): (usize, &Spanned<String>)| {
+            let refused = |e: String| source.problem(text.span(), format!("`maps[{k}]` is {:?}: {e}", text.get_ref()));
+            text.get_ref().parse().map_err(refused)
+        };
+        let maps = document.maps.iter().enumerate().map(map).collect::<Result<_, _>>()?;
+        let setup = OF_SETUP.iter().any(|key| keys.contains_key(*key)).then_some(setup);
+        Ok(Self { setup, machine: machine(&source, &document)?, columns, maps })
     }
+
+    /// All assignments in the order in which they are applied.
+    pub fn assignments(&self) -> impl Iterator<Item = &Mapping> {
+        Some(&self.columns).filter(|columns| !columns.is_empty()).into_iter().chain(&self.maps)
+    }
+}
+
+/// The text of a sidecar with `maps` in place of its own; comments and everything else stay.
+///
+/// # Errors
+/// The first error in the text, with its position; `name` stands for it.
+pub fn with_maps(text: &str, maps: &[Mapping], name: &str) -> Result<String, ReadError> {
+    Sidecar::from_toml(text, name)?;
+    let broken = |e: toml_edit::TomlError| ReadError::content(Path::new(name), &e.to_string(), "a setup in TOML");
+    let mut document: toml_edit::DocumentMut = text.parse().map_err(broken)?;
+    if maps.is_empty() {
+        document.remove("maps");
+    } else {
+        let all: toml_edit::Array = maps.iter().map(Mapping::to_string).collect();
+        document["maps"] = toml_edit::value(all);
+    }
+    Ok(document.to_string())
 }
 
 /// The machine that `arms`, or `joint` and `effort` describe; `None` without them.
@@ -318,6 +354,22 @@ mod tests {
     }
 
     #[test]
+    fn maps_are_set_and_the_rest_stays() {
+        let text = "# of Monday\nconfiguration = \"assembled\" # as usual\n\n[payload]\nmass = 2.0 # kg\n";
+        let maps: Vec<Mapping> = ["tau1=-tau1, tau2=-tau2", "q1=q1+0.1"].map(|m| m.parse().unwrap()).into();
+        let set = with_maps(text, &maps, "x").unwrap();
+        let own = Sidecar::from_toml(&set, "x").unwrap();
+        assert_eq!((&own.maps, own.setup.unwrap().payload.mass), (&maps, 2.0));
+        assert!(set.starts_with("# of Monday\n") && set.ends_with("\n\n[payload]\nmass = 2.0 # kg\n"), "{set}");
+        assert_eq!(with_maps(&set, &[], "x").unwrap(), text);
+        // A sidecar that only says how a recording is read states no setup.
+        let bare = with_maps("", &maps[..1], "x").unwrap();
+        assert_eq!(Sidecar::from_toml(&bare, "x").unwrap(), Sidecar { maps: maps[..1].into(), ..Sidecar::default() });
+        assert_eq!(with_maps(&bare, &[], "x").unwrap(), "");
+        assert!(with_maps("[payload]\nmas = 1.0", &maps, "run.setup.toml").unwrap_err().to_string().contains(":2:1"));
+    }
+
+    #[test]
     fn mistakes_are_named_with_their_place() {
         let e = refused("configuration = \"assembled\"\n[payload]\nmas = 1.0\n");
         assert!(e.starts_with("run.setup.toml:3:1: unknown key `payload.mas`"), "{e}");
@@ -327,6 +379,9 @@ mod tests {
         assert!(refused("[noise]\ntorque = [1.0, 2.0]").contains(":2:"), "{}", refused("[noise]\ntorque = [1.0, 2.0]"));
         assert!(refused("configuration = \"asembled\"").contains("assembled"));
         assert!(refused("configuration = ").contains(":1:"));
+        let e = refused("maps = [\"tau1=-tau1\", \"tau2=-tau2*\"]\n");
+        assert!(e.starts_with("run.setup.toml:1:23: `maps[1]` is \"tau2=-tau2*\": `tau2=-tau2*`"), "{e}");
+        assert!(refused("maps = \"tau1=-tau1\"").contains(":1:8: "), "{}", refused("maps = \"tau1=-tau1\""));
         let e = refused("[columns]\nt = \"Time[ms]\"\nq1 = \"Pos[furlong]\"\n");
         assert!(e.starts_with("run.setup.toml:3:6: `columns.q1`") && e.contains("furlong"), "{e}");
     }
