@@ -174,6 +174,8 @@ struct Run<'a> {
     known: Option<Snapshot>,
     /// Length of the next step of a broken robot, s.
     pace: f64,
+    /// Factor of all adapted steps by which the stated ones are shorter than usual.
+    fineness: f64,
     /// Shortest step of a broken robot at present, s, if its contacts are evaluated at every stage.
     finest: Option<f64>,
     work: Vec<f64>,

@@ -83,7 +83,7 @@ impl Run<'_> {
         let error = if made.is_ok() { self.twin.step_error() } else { f64::INFINITY };
         let error = if error.is_nan() { f64::INFINITY } else { error };
         // Within a step a contact may begin, which its first stage cannot know.
-        let coarse = self.finest.is_some_and(|finest| h > finest) && error > REFUSED * STEP_ERROR;
+        let coarse = self.finest.is_some_and(|finest| h > finest) && error > REFUSED * STEP_ERROR * self.fineness.powi(3);
         if coarse {
             self.twin.restore(&self.checkpoint);
         } else {
@@ -113,7 +113,7 @@ impl Run<'_> {
     fn set_pace(&mut self, h: f64, error: f64) {
         let given = self.period / self.options.substeps as f64;
         // The error is of the third power of the step.
-        let factor = (STEP_ERROR / error.max(f64::MIN_POSITIVE)).cbrt();
+        let factor = self.fineness * (STEP_ERROR / error.max(f64::MIN_POSITIVE)).cbrt();
         let finest = self.finest.map_or(given, |finest| finest.min(given));
         self.pace = (h * factor.clamp(SLOWEST, FASTEST)).clamp(finest, self.period);
     }
@@ -143,7 +143,7 @@ impl Run<'_> {
             self.twin.set_external(Load::NONE);
             return h;
         }
-        let longest = self.options.contact_steps * contacts.longest_step();
+        let longest = self.options.contact_steps * contacts.longest_step() * self.fineness;
         if !self.twin.is_whole() && contacts.resistances(&motion).is_some() {
             self.finest = Some(longest);
             return h.min(self.pace.max(longest));

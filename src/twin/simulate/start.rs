@@ -7,6 +7,7 @@ use crate::kinematics::{JointState, KinematicsError, Motion, Target};
 use crate::machine::bodies::{SLOTS, body_name};
 use crate::machine::{ARMS, AXES, MAX_STRUTS, Setup};
 use crate::model::Model;
+use crate::scenario::SUBSTEPS;
 use crate::twin::contacts::{Contacts, Surroundings};
 use crate::twin::controller::Controller;
 use crate::twin::machine::{Checkpoint, Twin};
@@ -88,6 +89,7 @@ impl<'a> Run<'a> {
             rested: false,
             known: None,
             pace: model.sample_time / options.substeps as f64,
+            fineness: (SUBSTEPS as f64 / options.substeps as f64).min(1.0),
             finest: None,
             work: Vec::new(),
             turned_over: 0.0,
