@@ -308,3 +308,36 @@ def test_the_loop_in_the_studio_by_keyboard_and_every_stage_on_every_screen(brow
     sync_api.expect(page.locator("#versions li.current")).not_to_contain_text("+ ")
     assert not said
     page.context.close()
+
+
+def test_a_remedy_belongs_to_its_recording_and_is_undone(
+    browser: Any, studio: str, example: Path, tmp_path: Path
+) -> None:
+    rows = [line.split(",") for line in (example / "example" / "first.csv").read_text().splitlines()]
+    turned = rows[0].index("tau1")
+    for row in rows[1:]:
+        row[turned] = str(-float(row[turned]))
+    (tmp_path / "turned.csv").write_text("\n".join(",".join(row) for row in rows) + "\n")
+    shutil.copy(example / "example" / "first.setup.toml", tmp_path / "turned.setup.toml")
+    files = [tmp_path / "turned.setup.toml", tmp_path / "turned.csv"]
+    files += [example / "example" / name for name in ("second.setup.toml", "second.csv")]
+    page, said = opened(browser, studio, bypass_csp=True)
+    page.get_by_label("files", exact=True).set_input_files(files)
+    rows_of = page.locator("#panel .row")
+    sync_api.expect(rows_of.filter(has_text="second.csv")).to_be_visible()
+    page.get_by_label("model that comes with the program").select_option("irb360-6-1600")
+    press(page, "main", "Check")
+    remedy = page.locator(".remedy").filter(has_text="tau1=-tau1").get_by_role("button", name="apply and check again").first
+    remedy.press("Enter")
+    sync_api.expect(page.locator("#panel")).to_contain_text("The recordings belong to the model")
+    own = [tmp_path / "session" / "data" / f"{name}.setup.toml" for name in ("turned", "second")]
+    assert "maps = [\"tau1=-tau1\"]" in own[0].read_text() and "maps" not in own[1].read_text()
+    page.locator("#steps").get_by_role("button", name="Data").click()
+    sync_api.expect(page.locator("#panel code").filter(has_text="tau1=-tau1")).to_have_count(1)
+    look(page, "a map of a recording")
+    without = page.get_by_role("button", name="read data/turned.csv without tau1=-tau1", exact=True)
+    without.press("Enter")
+    sync_api.expect(without).to_have_count(0)
+    assert own[0].read_text() == files[0].read_text()
+    assert not said
+    page.context.close()

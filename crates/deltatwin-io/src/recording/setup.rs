@@ -171,7 +171,7 @@ impl Sidecar {
 /// The first error in the text, with its position; `name` stands for it.
 pub fn with_maps(text: &str, maps: &[Mapping], name: &str) -> Result<String, ReadError> {
     Sidecar::from_toml(text, name)?;
-    let broken = |e: toml_edit::TomlError| ReadError::content(Path::new(name), &e.to_string(), "a setup in TOML");
+    let broken = |e: toml_edit::TomlError| ReadError::content(Path::new(name), e.to_string(), "a setup in TOML");
     let mut document: toml_edit::DocumentMut = text.parse().map_err(broken)?;
     if maps.is_empty() {
         document.remove("maps");
