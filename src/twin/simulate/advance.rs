@@ -83,7 +83,8 @@ impl Run<'_> {
         let error = if made.is_ok() { self.twin.step_error() } else { f64::INFINITY };
         let error = if error.is_nan() { f64::INFINITY } else { error };
         // Within a step a contact may begin, which its first stage cannot know.
-        let coarse = self.finest.is_some_and(|finest| h > finest) && error > REFUSED * STEP_ERROR * self.fineness.powi(3);
+        let coarse =
+            self.finest.is_some_and(|finest| h > finest) && error > REFUSED * STEP_ERROR * self.fineness.powi(3);
         if coarse {
             self.twin.restore(&self.checkpoint);
         } else {
