@@ -1,7 +1,7 @@
 //! The mechanism in absolute coordinates with any set of open ball sockets: M·a + Gᵀ·λ = W, G·a = γ.
 //!
 //! All bodies with six velocities each (of the frame origin, and angular, inertial axes) and the rows of their joints, as
-//! [`Structure`] lists them for any limbs and any plate: of the robot with a telescope fourteen bodies and 74 rows, three
+//! `structure` lists them for any limbs and any plate: of the robot with a telescope fourteen bodies and 74 rows, three
 //! fewer per open socket. Used after a dislocation, and to verify the closed-form elimination in `closed`, with which it
 //! shares the inertia parameters only.
 //!
