@@ -98,14 +98,23 @@ fn grouped<T: Copy, K: PartialEq>(items: impl IntoIterator<Item = T>, key: impl 
     groups
 }
 
+/// Time of the first failure, s.
+fn failure(scene: &Scene) -> Option<f64> {
+    scene.notes.iter().find(|note| note.level == Level::Error).map(|note| note.t)
+}
+
+/// Tabs with their curves, of a failure the margins first.
+fn tabs(scene: &Scene) -> Vec<(&str, Vec<&Series>)> {
+    let mut tabs = grouped(&scene.series, |s| place(s).0);
+    tabs.sort_by_key(|(tab, _)| failure(scene).is_some() && *tab != MARGINS);
+    tabs
+}
+
 /// Layout: robot and events on the left; one tab per first part of the curves' paths, in it one plot per second part. A
 /// failure is shown with the margins first, slowly and again and again.
 pub(super) fn layout(scene: &Scene) -> Layout {
-    let failure = scene.notes.iter().find(|note| note.level == Level::Error).map(|note| note.t);
     let mut layout = Layout { blueprint: bp::Blueprint::default(), properties: Vec::new() };
-    let mut tabs = grouped(&scene.series, |s| place(s).0);
-    tabs.sort_by_key(|(tab, _)| failure.is_some() && *tab != MARGINS);
-    let tabs = tabs.into_iter().map(|(tab, curves)| {
+    let tabs = tabs(scene).into_iter().map(|(tab, curves)| {
         let plots = grouped(curves, |s| place(s).1).into_iter().enumerate();
         let views: Vec<_> = plots.map(|(k, (origin, curves))| layout.plot(origin, &curves, k == 0)).collect();
         bp::Vertical::new(views).with_name(tab).into()
@@ -132,7 +141,7 @@ pub(super) fn layout(scene: &Scene) -> Layout {
         parts.push(bp::Tabs::new(tabs).into());
     }
     let mut time = bp::TimePanel::new().with_timeline(TIME).with_state(PanelState::Collapsed);
-    if let (Some(t), [first, .., last]) = (failure, scene.times.as_slice()) {
+    if let (Some(t), [first, .., last]) = (failure(scene), scene.times.as_slice()) {
         let ([before, after], speed) = FAILURE;
         let [from, to] = [t - before, t + after].map(|t| t.max(*first).min(*last));
         let shown = TimeInt::from_secs(from)..=TimeInt::from_secs(to);
@@ -198,11 +207,11 @@ mod tests {
         scene.series = ["torque/axis1/measured", "torque/axis1/model", "torque/axis2/measured", "sockets/margin/all"]
             .map(curve)
             .into();
-        let tabs = |scene: &Scene| {
-            of_entity(scene, "").concat().find("sockets") < of_entity(scene, "").concat().find("torque")
-        };
-        assert!(!tabs(&scene) && !of_entity(&scene, "time_panel").concat().contains("0.1"));
+        let order = |scene: &Scene| tabs(scene).iter().map(|(tab, _)| tab.to_string()).collect::<Vec<_>>();
+        assert_eq!(order(&scene), ["torque", "sockets"]);
+        assert!(!of_entity(&scene, "time_panel").concat().contains("0.1"));
         scene.notes = vec![Note { t: 0.2, level: Level::Error, text: "dislocation".into() }];
+        assert_eq!(order(&scene), ["sockets", "torque"]);
         let time = of_entity(&scene, "time_panel").concat();
         assert!(time.contains("0.1") && time.contains("150000000") && time.contains("300000000"), "{time}");
         // Two curves in the first plot of a tab have a legend, others their name in the title.
