@@ -104,7 +104,7 @@ fn failure(scene: &Scene) -> Option<f64> {
 }
 
 /// Tabs with their curves, of a failure the margins first.
-fn tabs(scene: &Scene) -> Vec<(&str, Vec<&Series>)> {
+fn tabs<'a>(scene: &'a Scene<'_>) -> Vec<(&'a str, Vec<&'a Series>)> {
     let mut tabs = grouped(&scene.series, |s| place(s).0);
     tabs.sort_by_key(|(tab, _)| failure(scene).is_some() && *tab != MARGINS);
     tabs
