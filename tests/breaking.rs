@@ -193,3 +193,37 @@ fn a_broken_linear_delta_keeps_its_energy() {
     println!("unaccounted for at 1, 4, 16 substeps: {errors:?}");
     assert!(errors[0] < 1e-3 && errors[1] < 0.5 * errors[0] && errors[2] < 0.5 * errors[1], "{errors:?}");
 }
+
+/// Elastic struts carry what rigid ones carry, apart from their ringing, also where rigid ones are redundant.
+#[test]
+fn elastic_struts_of_relatives_carry_what_rigid_ones_do() {
+    for name in RELATIVES {
+        let measured = |elastic: bool| {
+            run(name, |model, options| {
+                if elastic {
+                    let effect = deltatwin::effects::find("strut_elasticity").unwrap();
+                    let active = deltatwin::effects::ActiveEffect::absent_on(effect, model.host());
+                    model.effects.push(active.at_nominal_size());
+                }
+                options.duration = 0.2;
+                options.substeps *= 4;
+                options.sensors.strut_upper[..model.mechanism.struts()].fill(true);
+            })
+        };
+        let ((rigid, _), (elastic, report)) = (measured(false), measured(true));
+        // Means over 20 ms, ten periods of the ringing and more.
+        let mean = |recording: &Recording, s: usize, k: usize| {
+            let part = &recording.signals[Channel::StrutUpper(s)][k..k + 50];
+            part.iter().sum::<f64>() / part.len() as f64
+        };
+        let (mut worst, mut largest) = (0f64, 0f64);
+        for s in 0..model(name).mechanism.struts() {
+            for k in (50..rigid.signals.len() - 50).step_by(25) {
+                largest = largest.max(mean(&rigid, s, k).abs());
+                worst = worst.max((mean(&elastic, s, k) - mean(&rigid, s, k)).abs());
+            }
+        }
+        println!("{name}: forces to {worst:.2} of {largest:.1} N, energy {:.1e}", report.energy_error);
+        assert!(worst < 0.03 * largest && report.energy_closes(), "{name}: {worst} of {largest}");
+    }
+}

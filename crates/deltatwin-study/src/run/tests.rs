@@ -93,6 +93,33 @@ fn by_inverse_dynamics(case: &Case) -> (f64, f64) {
     (least, most)
 }
 
+#[test]
+fn relatives_are_judged_by_the_margins_of_their_inverse_dynamics() {
+    for name in ["par4", "h4", "i4", "par2"] {
+        let mut case = shipped(name);
+        let judged = |case: &Case| {
+            let plant = Plant::new(&case.model, &case.scenario.setup);
+            let desired = case.scenario.motion(&case.model).unwrap();
+            let clamps = deltatwin::twin::Clamps::watched(&case.model.sockets);
+            let mut least = f64::INFINITY;
+            for k in 0..(case.scenario.duration / 1e-3) as usize {
+                let t = 1e-3 * k as f64;
+                let motion = plant.motion(&desired.at(t).joints(&plant.geometry).unwrap()).unwrap();
+                let margins = clamps.along(&plant, t, &motion).unwrap().1;
+                least = plant.sockets().iter().map(|s| margins[s]).fold(least, f64::min);
+            }
+            (least / case.model.sockets.dislocation_force, verdict(case).margin_of(CauseKind::Socket).unwrap())
+        };
+        let (expected, found) = judged(&case);
+        println!("{name}: {found:.3}, by inverse dynamics {expected:.3}");
+        assert!((found - expected).abs() < 0.02, "{name}: {found} {expected}");
+        // What hangs beside the flange pulls at the struts.
+        case.scenario.setup.payload = Payload::cuboid(4.0, [0.3, 0.3, 0.2], [0.1, 0.05, 0.1]);
+        let laden = verdict(&case);
+        assert!(laden.margin_of(CauseKind::Socket).unwrap() < found - 0.05 && laden.hand.is_some(), "{name}");
+    }
+}
+
 /// Vector from the second to the first upper ball of a pair.
 fn ball(motion: &Motion, first: bool, strut: usize) -> Vector3<f64> {
     let (a, b) = if first { (strut, strut + 1) } else { (strut - 1, strut) };
