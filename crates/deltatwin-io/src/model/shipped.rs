@@ -30,6 +30,11 @@ pub fn named(path: &Path) -> Option<&'static str> {
     SHIPPED.iter().find(|(own, _)| *own == name).filter(|_| !path.exists()).map(|(_, text)| *text)
 }
 
+/// Whether `name` alone is a shipped model that no file in `folder` goes before.
+pub(crate) fn beside(folder: &Path, name: &str) -> bool {
+    Path::new(name).components().count() == 1 && named(&folder.join(name)).is_some()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

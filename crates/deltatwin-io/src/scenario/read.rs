@@ -16,6 +16,7 @@ use toml::Spanned;
 use crate::file;
 use crate::kind::Kind;
 use crate::load;
+use crate::model::shipped;
 use crate::outside::Access;
 use crate::source::{Checked, Interval, Problem, Source};
 
@@ -127,12 +128,13 @@ pub fn parse_with(text: &str, path: &Path, access: Access) -> Result<Scenario> {
     let beside = |key: &str, name: &Spanned<String>| {
         let target = folder.join(name.get_ref());
         file.may_name(key, name, &target)?;
-        if target.is_file() {
+        if target.is_file() || shipped::beside(folder, name.get_ref()) {
             return Ok(target);
         }
         let name_of = name.get_ref();
-        let message =
-            format!("`{key}` is \"{name_of}\", which is no file; expected a model file, relative to the scenario");
+        let message = format!(
+            "`{key}` is \"{name_of}\", which is no file; expected a model file, relative to the scenario, or a shipped model"
+        );
         Err(file.problem(name.span(), message))
     };
     let model = beside("model", &document.model)?;
@@ -244,6 +246,9 @@ mod tests {
         let s = parse(&format!("control_period = 5\nhold_torque = \"hold\"\n{GOOD}")).unwrap();
         assert_eq!((s.control_period, s.hold_torque), (5, HoldTorque::Hold));
         assert_eq!(s.formulation, Formulation::Eliminated);
+        // A shipped model by its name.
+        let named = GOOD.replace("../models/irb360-6-1600.toml", "par4");
+        assert!(named != GOOD && parse(&named).unwrap().model.ends_with("par4"));
         let s = parse(&format!("formulation = \"absolute\"\n{GOOD}")).unwrap();
         assert_eq!(s.formulation, Formulation::Absolute);
     }
