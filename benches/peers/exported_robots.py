@@ -300,7 +300,7 @@ def bodies_mass(model, payload):
     """Mass of the moving bodies of a model file, kg."""
     bodies = tomllib.loads(model.to_toml())["bodies"]
     limbs = tomllib.loads(model.to_toml()).get("limbs", [{}] * 3)
-    # Those of passive limbs are listed one by one.
+    # A model file lists arms and struts of passive limbs one by one.
     driven = sum(limb.get("drive", True) for limb in limbs)
     counts = {"arm": driven, "strut": 2 * driven}
     return sum(counts.get(name, 1) * body.get("mass", 0.0) for name, body in bodies.items()) + payload

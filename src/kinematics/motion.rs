@@ -189,7 +189,7 @@ impl Motion {
         if axis < self.limbs { (arm(axis), self.arm_screw(axis)) } else { (ROTOR, Screw::turning(Vector3::z())) }
     }
 
-    /// Axes with a drive: those of driven arms, and of three limbs the rotor's.
+    /// Axes with a drive: driven arms, and the rotor of three limbs.
     pub fn drives(&self) -> impl Iterator<Item = usize> + use<> {
         (0..self.driven).chain((self.limbs == ARMS).then_some(ARMS))
     }

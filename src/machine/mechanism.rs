@@ -250,7 +250,8 @@ impl Mechanism {
         }
     }
 
-    /// `unit` of a parameter of an effect on `part`: as [`Self::unit`] for drives and those of the arms, unchanged for other parts of a robot.
+    /// `unit` of a parameter of an effect on `part`: as [`Self::unit`] for drives, unchanged for other
+    /// parts of a robot.
     pub fn unit_on(self, part: Part, unit: Unit) -> Unit {
         match self {
             Self::Delta { .. } if !matches!(part, Part::Drives | Part::ArmDrives) => unit,

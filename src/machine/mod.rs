@@ -19,7 +19,7 @@ pub use geometry::{Actuator, Delta, Geometry, Limb, Limbs};
 pub use load::{FREE_FALL, Load};
 pub use mechanism::{Axis, Effort, Joint, Mechanism, Members, Part};
 pub use payload::Payload;
-pub use plate::Plate;
+pub use plate::{Pivot, Plate};
 pub use setup::{Configuration, Setup};
 pub use unit::Unit;
 

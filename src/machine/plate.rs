@@ -83,6 +83,15 @@ impl PlatePart {
     }
 }
 
+/// A pivot between two parts of a plate, see [`Plate::bodies`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pivot {
+    /// The parts.
+    pub parts: [usize; 2],
+    /// Its place in the frame of each, m; of the end effector as if the flange were in the plane of the plate.
+    pub points: [Vector3<f64>; 2],
+}
+
 /// Most parts of a plate.
 pub const MAX_PARTS: usize = 4;
 
@@ -125,16 +134,26 @@ impl Plate {
         }
     }
 
-    /// Points at which part `k` is joined to others, in its frame, m; of the end effector as if the flange were in the plane
-    /// of the plate.
-    pub fn joints(&self, k: usize) -> Vec<Vector3<f64>> {
-        match (*self, k) {
-            (Self::Rigid, _) => Vec::new(),
-            (Self::Par4 { main, .. }, 0 | 1) => vec![main / 2.0, main / -2.0],
-            (Self::Par4 { connecting, .. }, _) => vec![connecting / 2.0, connecting / -2.0],
-            (Self::H4 { hinges }, 2) => hinges.to_vec(),
-            (Self::H4 { .. } | Self::I4 { .. }, _) => vec![Vector3::zeros()],
+    /// Pivots about the vertical between its parts.
+    pub fn pivots(&self) -> Vec<Pivot> {
+        let pivot = |parts, points| Pivot { parts, points };
+        match *self {
+            Self::Rigid => Vec::new(),
+            Self::Par4 { main, connecting } => {
+                let (m, n) = (main / 2.0, connecting / 2.0);
+                vec![pivot([2, 0], [n, m]), pivot([3, 0], [n, -m]), pivot([1, 2], [m, -n]), pivot([1, 3], [-m, -n])]
+            }
+            Self::H4 { hinges } => (0..2).map(|k| pivot([2, k], [hinges[k], Vector3::zeros()])).collect(),
+            Self::I4 { .. } => vec![pivot([2, 0], [Vector3::zeros(); 2])],
         }
+    }
+
+    /// Places of its pivots on part `k`, in the part's frame, m; of the end effector as if the flange were in the plane of the
+    /// plate.
+    pub fn pivots_on(&self, k: usize) -> Vec<Vector3<f64>> {
+        let pivots = self.pivots().into_iter();
+        let own = pivots.filter_map(|pivot| Some(pivot.points[pivot.parts.iter().position(|part| *part == k)?]));
+        own.collect()
     }
 
     /// Virtual motions of the plate at ψ in addition to the six of a rigid body: per motion the velocity of each part's

@@ -45,16 +45,16 @@ pub(super) struct Joints {
     rods: Vec<Rod>,
     /// Elastic struts; `None` if they are rigid.
     springs: Option<Vec<StrutSpring>>,
-    /// Place of every body in the state; `usize::MAX` without.
-    places: [usize; SLOTS],
+    /// Place of every body in the state; empty without.
+    places: [Range<usize>; SLOTS],
 }
 
 impl Joints {
     /// Joints of a machine in its configuration.
     pub fn new(plant: &Plant) -> Self {
         let solver = MaximalCoordinates::new(plant);
-        let mut places = [usize::MAX; SLOTS];
-        solver.bodies().iter().enumerate().for_each(|(k, &b)| places[b] = BODY * k);
+        let mut places = std::array::from_fn(|_| 0..0);
+        solver.bodies().iter().enumerate().for_each(|(k, &b)| places[b] = BODY * k..BODY * (k + 1));
         let struts = if plant.assembled { plant.mechanism.struts() } else { 0 };
         Self {
             rods: (0..struts).map(|s| Rod::new(&plant.bodies[strut(s)], plant.geometry.strut_length(s))).collect(),
@@ -70,7 +70,11 @@ impl Joints {
     }
 
     fn place(&self, body: usize) -> Range<usize> {
-        self.places[body]..self.places[body] + BODY
+        self.places[body].clone()
+    }
+
+    fn has(&self, body: usize) -> bool {
+        !self.places[body].is_empty()
     }
 
     /// Angles of the axes.
@@ -233,13 +237,13 @@ impl Joints {
                 ..BodyMotion::REST
             };
         }
-        for (i, limb) in geometry.limbs.iter().enumerate().filter(|(i, _)| self.places[arm(*i)] != usize::MAX) {
+        for (i, limb) in geometry.limbs.iter().enumerate().filter(|(i, _)| self.has(arm(*i))) {
             let body = &out.bodies[arm(i)];
             let place = Arm::coordinate(limb, body);
             out.q[i] = if limb.actuator.is_revolute() { with_turns(place, out.q[i]) } else { place };
             out.qd[i] = out.arm_screw(i).rate_of(body);
         }
-        if self.places[ROTOR] != usize::MAX {
+        if self.has(ROTOR) {
             let rotor = &out.bodies[ROTOR];
             out.q[3] = with_turns(rotor.rotation[(1, 0)].atan2(rotor.rotation[(0, 0)]), out.q[3]);
             out.qd[3] = rotor.angular_velocity.z;
@@ -249,7 +253,7 @@ impl Joints {
                 out.strut_axis[s] = out.bodies[strut(s)].rotation.column(0).into_owned();
                 out.strut_length[s] = geometry.strut_length(s) + elongation;
             }
-            if self.places[END_EFFECTOR] == usize::MAX {
+            if !self.has(END_EFFECTOR) {
                 let platform = out.bodies[PLATFORM];
                 let lever = platform.rotation.column(2) * geometry.flange_height;
                 out.bodies[END_EFFECTOR] = BodyMotion {
@@ -259,7 +263,7 @@ impl Joints {
                 };
             }
         }
-        if self.places[TELESCOPE_LOWER] != usize::MAX {
+        if self.has(TELESCOPE_LOWER) {
             let lower = &out.bodies[TELESCOPE_LOWER];
             out.telescope = Telescope::between(&lower.position, &lower.velocity, &geometry.upper_hooke());
         }
@@ -310,10 +314,11 @@ fn turn_rate(turn: &Vector3<f64>, omega: &Vector3<f64>) -> Vector3<f64> {
 
 /// Rate of a joint on `body`, rad/s or m/s, in a state-like vector.
 fn rate_of(joints: &Joints, screw: &Screw, body: usize, y: &[f64]) -> f64 {
-    match joints.places[body] {
-        usize::MAX => 0.0,
-        at => screw.rate(&vector(&y[at + VELOCITY..]), &vector(&y[at + OMEGA..])),
+    if !joints.has(body) {
+        return 0.0;
     }
+    let at = &y[joints.place(body)];
+    screw.rate(&vector(&at[VELOCITY..]), &vector(&at[OMEGA..]))
 }
 
 /// Accelerations of all bodies, and joint forces.

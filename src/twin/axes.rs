@@ -33,11 +33,6 @@ pub(super) fn store(y: &mut [f64], motion: &Motion) {
     y[AXES..LENGTH].copy_from_slice(&motion.qd);
 }
 
-/// Writes the rates of a motion without changing the angles.
-pub(super) fn store_rates(y: &mut [f64], motion: &Motion) {
-    y[AXES..LENGTH].copy_from_slice(&motion.qd);
-}
-
 /// Motion of all bodies at a state, with given axis accelerations.
 ///
 /// # Errors

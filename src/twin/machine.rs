@@ -423,7 +423,7 @@ impl Twin {
             }
             Form::Axes => {
                 if let Some(motion) = moved {
-                    axes::store_rates(&mut self.y, motion);
+                    self.y[axes::RATES].copy_from_slice(&motion.qd);
                 }
             }
         }

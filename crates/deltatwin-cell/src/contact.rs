@@ -51,27 +51,6 @@ fn stiffen(block: &mut Block, factor: f64, along: &Vector3<f64>, point: &Vector3
     }
 }
 
-/// The same resistance for motions of the point `origin` (m) of a body, instead of the one at the inertial origin.
-pub fn moved(block: &Block, origin: &Vector3<f64>) -> Block {
-    // The velocity at the inertial origin is v − ω × o: columns, then rows.
-    let shift = |row: [f64; 6]| {
-        let turned = origin.cross(&Vector3::new(row[0], row[1], row[2]));
-        [row[0], row[1], row[2], row[3] - turned.x, row[4] - turned.y, row[5] - turned.z]
-    };
-    let half = block.map(shift);
-    let transposed: Block = std::array::from_fn(|i| std::array::from_fn(|k| half[k][i]));
-    transposed.map(shift)
-}
-
-/// Adds a resistance to `sum`.
-pub fn join(sum: &mut Resistance, other: &Resistance) {
-    for (mine, its) in [(&mut sum.stiffness, &other.stiffness), (&mut sum.damping, &other.damping)] {
-        for (x, y) in mine.as_flattened_mut().iter_mut().zip(its.as_flattened()) {
-            *x += y;
-        }
-    }
-}
-
 /// Adds the resistance of a contact point with its normal force (N), the velocity of the loaded body there and the
 /// relative angular velocity.
 fn resist(

@@ -30,7 +30,7 @@ use deltatwin::scenario::PayloadShape;
 use deltatwin::twin::{ContactBody, ContactWork, Contacts, Held, Resistance, Surroundings, Touch, Twist};
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
-use contact::{Wrench, about, add, join, moved, press};
+use contact::{Wrench, about, add, press};
 use hull::{Hull, Point};
 use links::Part;
 use neighbours::Neighbours;
@@ -374,11 +374,11 @@ impl Contacts for Cell {
             }
             let origin = |body: usize| motion.bodies[body].position;
             add(&mut wrenches[link.body], &about(&loads.on_first, &link.at, &origin(link.body)));
-            join(&mut self.resistances[link.body], &loads.resistance);
+            self.resistances[link.body].add(&loads.resistance);
             match (&other, second) {
                 (Some(o), _) => {
                     add(&mut wrenches[o.body], &about(&loads.on_second, &o.at, &origin(o.body)));
-                    join(&mut self.resistances[o.body], &loads.resistance);
+                    self.resistances[o.body].add(&loads.resistance);
                 }
                 (None, Collider::Object(o)) => add(&mut reactions[o], &loads.on_second),
                 (None, Collider::Part(_)) => {}
@@ -408,8 +408,7 @@ impl Contacts for Cell {
         }
         for (resistance, body) in self.resistances.iter_mut().zip(&motion.bodies) {
             if *resistance != Resistance::NONE {
-                resistance.stiffness = moved(&resistance.stiffness, &body.position);
-                resistance.damping = moved(&resistance.damping, &body.position);
+                *resistance = resistance.seen_from(&-body.position);
             }
         }
         Some(&self.resistances)

@@ -80,10 +80,10 @@ pub fn parts(geometry: &Geometry) -> Vec<Part> {
         let on_part = |s: &usize| k < plate.carriers() && geometry.limbs[s / 2].part == k;
         let balls: Vec<_> = (0..struts).filter(on_part).map(|s| geometry.platform_ball(s)).collect();
         let down = if body == END_EFFECTOR { -geometry.flange_height } else { 0.0 };
-        let bars = match plate.turns() {
+        let bars: Vec<_> = match plate.turns() {
             true => {
-                let joints = plate.joints(k).into_iter().map(|joint| joint + Vector3::z() * down);
-                joints.chain(balls.chunks(2).map(|pair| (pair[0] + pair[1]) / 2.0)).collect()
+                let pivots = plate.pivots_on(k).into_iter().map(|place| place + Vector3::z() * down);
+                pivots.chain(balls.chunks(2).map(|pair| (pair[0] + pair[1]) / 2.0)).collect()
             }
             false => {
                 let ring = (geometry.platform_radius() - PLATFORM_INSET).max(0.5 * geometry.platform_radius());

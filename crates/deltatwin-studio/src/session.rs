@@ -384,13 +384,20 @@ impl Session {
         self.recordings.push(Recording { file, held_out, sha256: String::new() });
     }
 
+    /// The index of a recording of the session.
+    fn position(&self, index: Option<usize>) -> miette::Result<usize> {
+        let count = self.recordings.len();
+        index
+            .filter(|k| *k < count)
+            .ok_or_else(|| miette!("the session has {count} recordings; this is not one of them"))
+    }
+
     /// Takes recording `index` out.
     ///
     /// # Errors
     /// If there is none.
     pub fn leave_out(&mut self, index: Option<usize>) -> miette::Result<()> {
-        let index =
-            index.filter(|k| *k < self.recordings.len()).ok_or_else(|| miette!("there is no such recording"))?;
+        let index = self.position(index)?;
         let Recording { file, held_out, .. } = self.recordings.remove(index);
         self.left_out.insert(file, held_out);
         Ok(())
@@ -408,8 +415,7 @@ impl Session {
         index: Option<usize>,
         change: impl FnOnce(&mut Vec<Mapping>) -> miette::Result<()>,
     ) -> miette::Result<()> {
-        let index =
-            index.filter(|k| *k < self.recordings.len()).ok_or_else(|| miette!("there is no such recording"))?;
+        let index = self.position(index)?;
         let common = self.inputs(folder)?.maps;
         let mut all: Vec<Vec<Mapping>> = Vec::new();
         for recording in &self.recordings {
@@ -511,7 +517,13 @@ mod tests {
         }
         assert!(!folder.path().join("data/a.setup.toml").exists());
         assert_eq!(std::fs::read_to_string(folder.path().join("data/b.setup.toml")).unwrap(), stated);
-        assert!(session.remap(folder.path(), Some(2), remedy("q1=-q1")).unwrap_err().to_string().contains("no such"));
+        assert!(
+            session
+                .remap(folder.path(), Some(2), remedy("q1=-q1"))
+                .unwrap_err()
+                .to_string()
+                .contains("not one of them")
+        );
     }
 
     #[test]

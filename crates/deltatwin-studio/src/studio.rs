@@ -218,7 +218,9 @@ impl Studio {
             }),
             "without" => self.idle()?.change(|s| {
                 s.remap(&self.folder, index("recording"), |maps| {
-                    let k = index("map").filter(|k| *k < maps.len()).ok_or_else(|| miette!("there is no such map"))?;
+                    let k = index("map")
+                        .filter(|k| *k < maps.len())
+                        .ok_or_else(|| miette!("the recording has {} maps; this is not one of them", maps.len()))?;
                     maps.remove(k);
                     Ok(())
                 })?;

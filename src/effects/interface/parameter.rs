@@ -33,7 +33,7 @@ pub enum Count {
     One,
     /// One per driven arm (array of 3).
     PerArm,
-    /// One per limb, also those without a drive (array of 3 on three limbs).
+    /// One per limb, driven or passive (array of 3 on three limbs).
     PerLimb,
     /// One per strut (array of 6 on three limbs).
     PerStrut,

@@ -82,12 +82,8 @@ impl Rows {
                 Kind::Coupling(limbs) => {
                     let [p, q] = [0, 1].map(|k| {
                         let (limb, arm) = (&geometry.limbs[limbs[k]], on(k).body);
-                        let (linear, angular) = match limb.actuator {
-                            Actuator::Revolute => (origin, limb.tangential()),
-                            Actuator::Prismatic { .. } => (Arm::new(limb, 0.0).slope, origin),
-                        };
-                        let sign = if k == 0 { 1.0 } else { -1.0 };
-                        self.write(joint.blocks[k], &(linear * sign), &(angular * sign));
+                        let (screw, sign) = (Arm::new(limb, 0.0).screw(limb), [1.0, -1.0][k]);
+                        self.write(joint.blocks[k], &(screw.linear * sign), &(screw.angular * sign));
                         Arm::coordinate(limb, arm)
                     });
                     (self.values[joint.row], self.gamma[joint.row]) = (p - q, 0.0);

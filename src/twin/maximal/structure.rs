@@ -5,12 +5,10 @@ use std::ops::Range;
 use nalgebra::Vector3;
 
 use crate::dynamics::Plant;
-use crate::machine::bodies::{
-    END_EFFECTOR, LINK, PLATFORM, ROTOR, SECOND_PLATFORM, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, strut,
-};
-use crate::machine::{Geometry, MAX_STRUTS, Plate};
+use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, strut};
+use crate::machine::{Geometry, MAX_STRUTS, Pivot, Plate};
 
-/// Most rows of a machine, those that only exist with other parts included.
+/// Most rows of a machine, with the numbers that a robot without a telescope leaves out.
 pub const MAX_ROWS: usize = 88;
 
 /// What a joint holds; its rows are in [`Rows`](super::rows::Rows).
@@ -70,7 +68,7 @@ pub(super) struct Run {
     pub at: usize,
 }
 
-/// Layout of a front: rows of some joints, those eliminated within it first.
+/// Layout of a front: rows of some joints, inner ones first.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Layout {
     /// Row at every position.
@@ -200,28 +198,22 @@ impl Structure {
 
     /// Adds the joints between the parts of the plate: as many rows as hold it, none of which is redundant.
     fn plate(&mut self, geometry: &Geometry, hub: usize) {
-        let down = Vector3::z() * -geometry.flange_height;
-        let origin = Vector3::zeros();
-        match geometry.plate {
-            Plate::Rigid => {}
-            Plate::Par4 { main, connecting } => {
-                let (m, n) = (main / 2.0, connecting / 2.0);
-                self.add(Kind::Hinge([n + down, m]), &[END_EFFECTOR, PLATFORM], hub);
-                self.add(Kind::Hinge([n, -m]), &[LINK, PLATFORM], hub);
-                self.add(Kind::Hinge([m, down - n]), &[SECOND_PLATFORM, END_EFFECTOR], hub);
-                self.add(Kind::Pin([-m, -n]), &[SECOND_PLATFORM, LINK], hub);
-            }
-            Plate::H4 { hinges } => {
-                self.add(Kind::Hinge([hinges[0] + down, origin]), &[END_EFFECTOR, PLATFORM], hub);
-                self.add(Kind::Hinge([hinges[1] + down, origin]), &[END_EFFECTOR, SECOND_PLATFORM], hub);
-            }
-            Plate::I4 { azimuth, radius } => {
-                let along = Vector3::new(azimuth.cos(), azimuth.sin(), 0.0);
-                let across = [Vector3::z().cross(&along), Vector3::z()];
-                self.add(Kind::Hinge([down, origin]), &[END_EFFECTOR, PLATFORM], hub);
-                self.add(Kind::Rail(across), &[SECOND_PLATFORM, PLATFORM], hub);
-                self.add(Kind::Pinion { along, radius }, &[PLATFORM, SECOND_PLATFORM, END_EFFECTOR], hub);
-            }
+        let bodies = geometry.plate.bodies();
+        let mut held = vec![0];
+        for Pivot { parts, points } in geometry.plate.pivots() {
+            let at = [0, 1].map(|k| {
+                let is_tool = bodies[parts[k]] == END_EFFECTOR;
+                points[k] - if is_tool { Vector3::z() * geometry.flange_height } else { Vector3::zeros() }
+            });
+            // A pivot that closes a loop of bars need not keep them in their plane.
+            let closes = parts.iter().all(|part| held.contains(part));
+            self.add(if closes { Kind::Pin(at) } else { Kind::Hinge(at) }, &parts.map(|part| bodies[part]), hub);
+            held.extend(parts);
+        }
+        if let Plate::I4 { azimuth, radius } = geometry.plate {
+            let along = Vector3::new(azimuth.cos(), azimuth.sin(), 0.0);
+            self.add(Kind::Rail([Vector3::z().cross(&along), Vector3::z()]), &[bodies[1], bodies[0]], hub);
+            self.add(Kind::Pinion { along, radius }, &bodies[..3], hub);
         }
     }
 

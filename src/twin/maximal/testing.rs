@@ -6,10 +6,13 @@ use nalgebra::{Quaternion, Rotation3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
+use super::factor::dot;
+use super::rows::Rows;
+use super::structure::Structure;
 use super::*;
 use crate::dynamics::inertial_wrench;
 use crate::kinematics::{JointState, Motion};
-use crate::machine::bodies::{ARM, BODIES, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::machine::{ARMS, Geometry, Joint, Limb, Mechanism, Members, Plate, STRUTS, Setup};
 use crate::model::testing::irb360;
 use crate::twin::absolute;

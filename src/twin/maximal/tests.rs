@@ -8,7 +8,7 @@ use super::testing::*;
 use super::*;
 use crate::dynamics::inertial_wrench;
 use crate::kinematics::{JointState, Motion};
-use crate::machine::bodies::{ARM, BODIES, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER};
+use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER};
 use crate::machine::{ARMS, STRUTS};
 use crate::scenario::Formulation;
 use crate::twin::constraints::{self, ROWS, rows};

@@ -100,7 +100,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Rejects options of what a disassembled machine lacks, and multipliers whose rows have no names.
+/// Rejects options that need parts a disassembled machine lacks, and multipliers whose rows have no names.
 fn possible(options: &Options, plant: &Plant) -> Result<(), SimulationError> {
     let fitted = &options.sensors;
     if plant.assembled {

@@ -31,7 +31,7 @@ pub fn named(path: &Path) -> Option<&'static str> {
 }
 
 /// Whether `name` alone is a shipped model that no file in `folder` goes before.
-pub(crate) fn beside(folder: &Path, name: &str) -> bool {
+pub(crate) fn is_named(folder: &Path, name: &str) -> bool {
     Path::new(name).components().count() == 1 && named(&folder.join(name)).is_some()
 }
 

@@ -128,7 +128,7 @@ pub fn parse_with(text: &str, path: &Path, access: Access) -> Result<Scenario> {
     let beside = |key: &str, name: &Spanned<String>| {
         let target = folder.join(name.get_ref());
         file.may_name(key, name, &target)?;
-        if target.is_file() || shipped::beside(folder, name.get_ref()) {
+        if target.is_file() || shipped::is_named(folder, name.get_ref()) {
             return Ok(target);
         }
         let name_of = name.get_ref();

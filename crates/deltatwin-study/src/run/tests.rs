@@ -113,7 +113,7 @@ fn relatives_are_judged_by_the_margins_of_their_inverse_dynamics() {
         let (expected, found) = judged(&case);
         println!("{name}: {found:.3}, by inverse dynamics {expected:.3}");
         assert!((found - expected).abs() < 0.02, "{name}: {found} {expected}");
-        // What hangs beside the flange pulls at the struts.
+        // A load off the axis pulls at the struts.
         case.scenario.setup.payload = Payload::cuboid(4.0, [0.3, 0.3, 0.2], [0.1, 0.05, 0.1]);
         let laden = verdict(&case);
         assert!(laden.margin_of(CauseKind::Socket).unwrap() < found - 0.05 && laden.hand.is_some(), "{name}");

@@ -141,7 +141,7 @@ impl<'a> Shape<'a> {
         let (geometry, first) = (self.geometry, self.first);
         let plate = geometry.plate;
         for (k, &body) in plate.bodies().iter().enumerate() {
-            let joints = plate.joints(k);
+            let joints = plate.pivots_on(k);
             let limbs: Vec<usize> = (0..elbows.len()).filter(|i| first.carrier[2 * i] == body).collect();
             if limbs.is_empty() {
                 // A bar that turns: between its joints.
