@@ -7,7 +7,7 @@ use super::DiagnosisError;
 use super::problem::block;
 use crate::effects::{Effect, Param};
 use crate::identification::fit::{self, Fit, FitError, Options as FitOptions, fit_with};
-use crate::identification::{Dataset, Laps, NoiseLevel, Repeats, Residuals};
+use crate::identification::{Dataset, KeptColumns, Laps, NoiseLevel, Repeats, Residuals};
 use crate::model::Model;
 
 /// Function that returns the share of the permitted time that has passed; 1 or more when it is up, infinity to stop.
@@ -56,6 +56,8 @@ const FIRST_SEARCH: f64 = 2.0;
 /// Fits of models to the recordings.
 pub(super) struct Fitting<'a> {
     pub datasets: &'a [Dataset],
+    /// The recordings with the columns that their models share.
+    pub kept: Vec<KeptColumns<'a>>,
     /// Their noise.
     pub noise: NoiseLevel,
     /// Noise of their means over [`block`] samples by repeated laps, where that differs from white noise; may be empty.
@@ -87,6 +89,7 @@ impl<'a> Fitting<'a> {
         let noise = NoiseLevel::of(model, datasets);
         Self {
             datasets,
+            kept: KeptColumns::of(datasets),
             noise,
             noise_of_means: Vec::new(),
             fixed: options.fixed,
@@ -117,7 +120,8 @@ impl<'a> Fitting<'a> {
             self.was_stopped.fetch_or(is_late, Ordering::Relaxed);
             is_late
         };
-        let options = FitOptions { fixed: self.fixed, stop: Some(&stop), ..FitOptions::default() };
+        let options =
+            FitOptions { fixed: self.fixed, kept: Some(&self.kept), stop: Some(&stop), ..FitOptions::default() };
         let fitted = fit_with(model, self.datasets, &self.noise.of_each, &options)?;
         let mut work = self.work.lock().unwrap_or_else(PoisonError::into_inner);
         work.fits += 1;

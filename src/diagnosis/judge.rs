@@ -8,7 +8,7 @@ use super::problem::{self, Edges};
 use crate::evidence::drift::Noise;
 use crate::evidence::{Assessment, Problem, Ranking};
 use crate::identification::fit::{Fit, FitError};
-use crate::identification::{Dataset, NoiseLevel, Residuals};
+use crate::identification::{Dataset, KeptColumns, NoiseLevel, Residuals};
 use crate::model::Model;
 
 /// Smallest relative RMS contribution of an effect on some channel, for it to be named. It is relative to the
@@ -57,6 +57,8 @@ pub(super) struct Judge<'a> {
     pub stated: &'a Model,
     /// Recordings that no fit uses; may be empty.
     pub held_out: &'a [Dataset],
+    /// The held-out recordings with the columns that their models share.
+    kept: Vec<KeptColumns<'a>>,
     /// Noise floor of the validation data.
     pub floor: Vec<f64>,
 }
@@ -65,7 +67,7 @@ impl<'a> Judge<'a> {
     pub fn new(fitting: &'a Fitting<'a>, model: &'a Model, held_out: &'a [Dataset]) -> Result<Self, FitError> {
         let own = || fitting.noise.pooled.clone();
         let floor = if held_out.is_empty() { own() } else { NoiseLevel::measured(model, held_out)?.pooled };
-        Ok(Self { fitting, stated: model, held_out, floor })
+        Ok(Self { fitting, stated: model, held_out, kept: KeptColumns::of(held_out), floor })
     }
 
     /// Validation data: the held-out recordings, or without any the fitted ones.
@@ -110,7 +112,7 @@ impl<'a> Judge<'a> {
     pub fn of(&self, fit: Fit) -> Result<Judged, FitError> {
         let residuals = match self.held_out {
             [] => Arc::clone(&fit.residuals),
-            held_out => Arc::new(Residuals::new(&fit.model, held_out)?),
+            _ => Arc::new(Residuals::along(&fit.model, &self.kept)?),
         };
         Ok(Judged { fit, residuals })
     }

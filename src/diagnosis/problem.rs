@@ -11,7 +11,7 @@ use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
 use crate::identification::dataset::averaged_segments;
 use crate::identification::fit::{Fit, FitError, kinematics, nominal_size};
 use crate::identification::prediction::Channels;
-use crate::identification::{Dataset, NoiseLevel, Residuals, averaged_columns};
+use crate::identification::{Dataset, KeptColumns, NoiseLevel, Residuals, averaged_columns};
 use crate::machine::{Mechanism, Unit};
 use crate::model::Model;
 use crate::recording::Channel::Torque;
@@ -263,8 +263,13 @@ impl Fitting<'_> {
         let datasets = self.datasets;
         let parameters = datasets[0].plant(model).parameters();
         let block = block(datasets);
-        let one = |t: &Dataset| averaged_columns(&t.plant(model), t, candidates, block).map_err(kinematics(t));
-        let all: Vec<Vec<Vec<Channels>>> = datasets.iter().map(one).collect::<Result<_, FitError>>()?;
+        let one = |kept: &KeptColumns| {
+            let (plant, dataset) = (kept.dataset.plant(model), kept.dataset);
+            let columns =
+                kept.laws(&plant).and_then(|known| averaged_columns(&plant, dataset, candidates, block, known));
+            columns.map_err(kinematics(dataset))
+        };
+        let all: Vec<Vec<Vec<Channels>>> = self.kept.iter().map(one).collect::<Result<_, FitError>>()?;
         let own = all[0].len() - candidates.len();
         let owned = parameters
             .free(&[])

@@ -135,7 +135,7 @@ impl Three {
             }
             return Ok(Self { jacobian, gaps: with_struts.then_some(gaps) });
         }
-        let translation = geometry.jacobian(&motion.q, &motion.bodies[PLATFORM].position)?;
+        let translation = geometry.jacobian_along(motion)?;
         jacobian.fixed_rows_mut::<3>(0).copy_from(&translation);
         Ok(Self { jacobian, gaps: if with_struts { Some(gap_inverse(motion)?) } else { None } })
     }

@@ -188,11 +188,18 @@ impl Plant {
     /// # Errors
     /// Those of [`Motion::assembled`]; none for a disassembled machine.
     pub fn motion(&self, joints: &JointState) -> Result<Motion, KinematicsError> {
+        let mut motion = Motion::REST;
+        self.set_motion(joints, &mut motion)?;
+        Ok(motion)
+    }
+
+    /// Makes `motion`, of this machine or at rest, the one that [`Self::motion`] returns.
+    pub(crate) fn set_motion(&self, joints: &JointState, motion: &mut Motion) -> Result<(), KinematicsError> {
         if self.assembled {
-            Motion::assembled(&self.geometry, joints)
-        } else {
-            Ok(Motion::disassembled(&self.geometry, joints))
+            return motion.assemble(&self.geometry, joints);
         }
+        motion.disassemble(&self.geometry, joints);
+        Ok(())
     }
 
     /// The quantities that laws may depend on, without reactions and torques.

@@ -4,7 +4,9 @@ use std::ops::AddAssign;
 
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
-use super::{About, Count, Effect, Instant, InternalStates, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
+use super::{
+    About, Count, Effect, Instant, InternalStates, Parameter, Part, Reads, Role, Spec, Unit, Values, Wrenches,
+};
 use crate::machine::bodies::{END_EFFECTOR, PLATFORM, TELESCOPE_LOWER};
 use crate::machine::{ARMS, STRUTS};
 use crate::numerics::tanh;
@@ -53,7 +55,8 @@ static SPEC: Spec = Spec::new(
         source: "loop closure with six elongations; g: rings of the sockets wear by 0.1–1 mm (ABB manual); F₀, T estimates",
     },
     PARAMETERS,
-);
+)
+.reads(Reads { inertia: true, ..Reads::MOTION });
 
 /// x₁, x₂, x₃ of a strut.
 fn lags(state: &[f64], strut: usize) -> [f64; LAGS] {

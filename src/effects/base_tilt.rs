@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Reads, Role, Spec, Unit, Values, Wrenches};
 
 /// Gravity in the axes of a base rotated by the small angles θ (rad): g' = g − θ × g, first order in θ.
 pub struct BaseTilt;
@@ -20,7 +20,8 @@ static SPEC: Spec = Spec::new(
         source: "0.1° typical, 0.5° at worst (estimate)",
     },
     PARAMETERS,
-);
+)
+.reads(Reads { inertia: true, ..Reads::MOTION });
 
 impl Effect for BaseTilt {
     fn spec(&self) -> &Spec {

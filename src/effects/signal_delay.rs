@@ -89,10 +89,12 @@ fn interpolate(samples: &[f64], x: f64) -> f64 {
         return samples[x.round() as usize];
     }
     let first = (x.floor() as usize).saturating_sub(1).min(last - 3);
+    // Weights Π_{j≠i} (s − j)/(i − j) of the nodes 0 to 3.
     let s = x - first as f64;
-    let weights: [f64; 4] =
-        std::array::from_fn(|i| (0..4).filter(|&j| j != i).map(|j| (s - j as f64) / (i as f64 - j as f64)).product());
-    (0..4).map(|i| weights[i] * samples[first + i]).sum()
+    let (lower, upper) = (s * (s - 1.0), (s - 2.0) * (s - 3.0));
+    let (near, far) = (0.5 * upper, lower / 6.0);
+    let weights = [near * (s - 1.0) / -3.0, near * s, 3.0 * far * (3.0 - s), far * (s - 2.0)];
+    weights.iter().zip(&samples[first..first + 4]).map(|(w, x)| w * x).sum()
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ use super::experiments::Experiment;
 use crate::effects::{ActiveEffect, Role};
 use crate::evidence::separation;
 use crate::evidence::whiten::ArFilter;
-use crate::identification::prediction::Channels;
+use crate::identification::prediction::{Channels, Laws};
 use crate::identification::{Dataset, averaged_columns, columns};
 use crate::kinematics::KinematicsError;
 use crate::model::Model;
@@ -86,7 +86,7 @@ impl Information {
             }
         };
         let mounted: Vec<ActiveEffect> = effects.iter().filter(|a| plant.has(a.effect.acts_on())).cloned().collect();
-        let mut all = averaged_columns(&plant, dataset, &mounted, 1)?;
+        let mut all = averaged_columns(&plant, dataset, &mounted, 1, Laws::default())?;
         let own = all.split_off(all.len() - mounted.len());
         let parameters = plant.parameters();
         for k in parameters.free(fixed) {

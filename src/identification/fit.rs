@@ -22,7 +22,7 @@ use self::regression::Regression;
 use super::base_parameters::Structure;
 use super::consistency::complete;
 use super::normal_equations::{NormalEquations, UNIT_WEIGHTS};
-use super::prediction::is_local;
+use super::prediction::{KeptColumns, is_local};
 use super::regularisation::GroupWeight;
 use super::{BaseParameter, Dataset, Residuals, check_together};
 use crate::dynamics::{PlantParameter, in_configuration};
@@ -73,6 +73,8 @@ pub struct Options<'a> {
     pub weights: &'a [GroupWeight],
     /// Effects whose parameters are held.
     pub fixed: &'a [String],
+    /// The datasets with the columns that the models of several fits share.
+    pub kept: Option<&'a [KeptColumns<'a>]>,
     /// Condition that ends the fit with the best parameters so far; at least one step is made.
     pub stop: Option<Stop<'a>>,
 }
@@ -183,7 +185,7 @@ fn approached(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options: 
         return None;
     }
     let pieces: Vec<Dataset> = datasets.iter().map(|dataset| dataset.sparse(PIECE.0, PIECE.1)).collect();
-    let regression = Regression::new(model, &pieces, noise, options).ok()?;
+    let regression = Regression::new(model, &pieces, noise, &Options { kept: None, ..*options }).ok()?;
     regression.least_squares(model.clone(), UNIT_WEIGHTS).ok().map(|solution| solution.model)
 }
 

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::dataset::stride_for;
 use super::fit::{FitError, kinematics};
-use super::prediction::{Channels, chunk, is_local, prediction_and_columns, surroundings};
+use super::prediction::{Channels, KeptColumns, Laws, chunk, is_local, prediction_and_columns, surroundings};
 use super::residuals::difference;
 use super::{Dataset, Residuals};
 use crate::dynamics::Plant;
@@ -58,13 +58,13 @@ pub struct NormalEquations {
 }
 
 impl NormalEquations {
-    /// Sums over all datasets for the parameters `free` of the plant; `sigma[dataset][channel]` scales the rows.
+    /// Sums over all recordings for the parameters `free` of the plant; `sigma[dataset][channel]` scales the rows.
     ///
     /// # Errors
     /// [`FitError::Kinematics`] if a pose is impossible for the model's geometry or a law gives no finite value.
     pub fn new(
         model: &Model,
-        datasets: &[Dataset],
+        recordings: &[KeptColumns],
         sigma: &[Vec<f64>],
         free: &[usize],
         weight: Weight,
@@ -76,11 +76,11 @@ impl NormalEquations {
             score: DVector::zeros(n),
             residuals: Arc::default(),
             rows: Vec::new(),
-            stride: stride_for(datasets.iter().map(Dataset::len).sum(), ROWS),
+            stride: stride_for(recordings.iter().map(|kept| kept.dataset.len()).sum(), ROWS),
         };
         let pass =
-            |(dataset, sigma): (&Dataset, &Vec<f64>)| all.pass(&dataset.plant(model), dataset, sigma, free, weight);
-        let residuals = datasets.iter().zip(sigma).map(pass).collect::<Result<Vec<Channels>, _>>()?;
+            |(kept, sigma): (&KeptColumns, &Vec<f64>)| all.pass(&kept.dataset.plant(model), kept, sigma, free, weight);
+        let residuals = recordings.iter().zip(sigma).map(pass).collect::<Result<Vec<Channels>, _>>()?;
         all.residuals = Arc::new(residuals.into());
         for b in all.blocks.iter().flatten() {
             all.information += &b.information;
@@ -89,15 +89,17 @@ impl NormalEquations {
         Ok(all)
     }
 
-    /// Adds the blocks and rows of one dataset; its residuals.
+    /// Adds the blocks and rows of one recording; its residuals.
     fn pass(
         &mut self,
         plant: &Plant,
-        dataset: &Dataset,
+        kept: &KeptColumns,
         sigma: &[f64],
         free: &[usize],
         weight: Weight,
     ) -> Result<Channels, FitError> {
+        let dataset = kept.dataset;
+        let known = kept.laws(plant).map_err(kinematics(dataset))?;
         let length = dataset.len().div_ceil(BLOCKS).max(MIN_BLOCK);
         let window = if is_local(plant) { length * (chunk(plant) / length).max(1) } else { dataset.len().max(1) };
         let starts: Vec<usize> = (0..dataset.len()).step_by(window).collect();
@@ -106,7 +108,7 @@ impl NormalEquations {
             .into_par_iter()
             .map(|start| {
                 let range = start..(start + window).min(dataset.len());
-                part(plant, dataset, range, rows)
+                part(plant, dataset, range, rows, &known)
             })
             .collect::<Result<_, _>>()?;
         let mut residuals: Channels = dataset.channels.iter().map(|_| Vec::with_capacity(dataset.len())).collect();
@@ -152,10 +154,11 @@ struct Rows<'a> {
     weight: Weight<'a>,
 }
 
-fn part(plant: &Plant, dataset: &Dataset, range: Range<usize>, of: Rows) -> Result<Part, FitError> {
+fn part(plant: &Plant, dataset: &Dataset, range: Range<usize>, of: Rows, known: &Laws) -> Result<Part, FitError> {
     let Rows { length, stride, sigma, free, weight } = of;
     let (around, shift) = surroundings(plant, dataset, &range);
-    let (predicted, columns) = prediction_and_columns(plant, &around).map_err(kinematics(dataset))?;
+    let known = known.from(range.start - shift);
+    let (predicted, columns) = prediction_and_columns(plant, &around, known).map_err(kinematics(dataset))?;
     let here = |(m, p): (&Series, &Vec<f64>)| difference(&m[range.clone()], &p[shift..]);
     let residual: Channels = dataset.measured.iter().zip(&predicted).map(here).collect();
     let n = free.len();

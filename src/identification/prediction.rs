@@ -9,6 +9,7 @@
 
 mod columns;
 mod gears;
+mod kept;
 mod states;
 
 use std::borrow::Cow;
@@ -26,6 +27,7 @@ use crate::recording::Channel;
 use crate::recording::Signals;
 
 pub use columns::{averaged_columns, columns, prediction_and_columns};
+pub use kept::{KeptColumns, Laws};
 
 /// One series per channel, in the order of the dataset's channels.
 pub type Channels = Vec<Vec<f64>>;
@@ -37,18 +39,31 @@ struct Joints<'a> {
     states: Cow<'a, [JointState]>,
     /// Encoder readings without offsets and periodic errors; different from `states` behind an elastic gear.
     encoders: Cow<'a, [JointState]>,
+    /// Columns of the plant's laws that are known along the motion.
+    known: Laws,
 }
 
-impl Joints<'_> {
-    /// Motion of all bodies at sample `k`.
-    fn motion(&self, k: usize) -> Result<Motion, KinematicsError> {
-        self.plant.motion(&self.states[k])
+impl<'a> Joints<'a> {
+    /// The joints of a plant whose effects do not change the motion.
+    fn of(plant: &'a Plant, dataset: &'a Dataset) -> Self {
+        let states = || Cow::Borrowed(dataset.joints.as_slice());
+        Self { plant, states: states(), encoders: states(), known: Laws::default() }
+    }
+
+    /// With known columns.
+    fn knowing(self, known: Laws) -> Self {
+        Self { known, ..self }
+    }
+
+    /// Makes `motion`, of the same plant or at rest, that of all bodies at sample `k`.
+    fn set_motion(&self, k: usize, motion: &mut Motion) -> Result<(), KinematicsError> {
+        self.plant.set_motion(&self.states[k], motion)
     }
 
     /// The motion with the encoders at the joints.
     fn of_encoders(&self) -> Joints<'_> {
         let encoders = || Cow::Borrowed(self.encoders.as_ref());
-        Joints { plant: self.plant, states: encoders(), encoders: encoders() }
+        Joints { plant: self.plant, states: encoders(), encoders: encoders(), known: Laws::default() }
     }
 }
 
@@ -82,9 +97,19 @@ pub fn chunk(plant: &Plant) -> usize {
 /// # Errors
 /// [`KinematicsError`] if a pose is impossible for the plant's geometry or a law gives no finite value.
 pub fn predict(plant: &Plant, dataset: &Dataset) -> Result<Channels, KinematicsError> {
+    predict_knowing(plant, dataset, &Laws::default())
+}
+
+/// [`predict`] with `known` columns of the plant's laws.
+///
+/// # Errors
+/// As [`predict`].
+pub fn predict_knowing(plant: &Plant, dataset: &Dataset, known: &Laws) -> Result<Channels, KinematicsError> {
     let chunk = chunk(plant);
     if !is_local(plant) || dataset.len() <= chunk {
-        return predict_along(plant, dataset, &joints(plant, dataset)?);
+        let joints = joints(plant, dataset)?;
+        let known = known.clone().completed(dataset, &joints)?;
+        return predict_along(plant, dataset, &joints.knowing(known));
     }
     let starts: Vec<usize> = (0..dataset.len()).step_by(chunk).collect();
     let pieces: Vec<Channels> = starts
@@ -92,8 +117,12 @@ pub fn predict(plant: &Plant, dataset: &Dataset) -> Result<Channels, KinematicsE
         .map(|start| {
             let range = start..(start + chunk).min(dataset.len());
             let (around, shift) = surroundings(plant, dataset, &range);
-            let piece = predict_along(plant, &around, &joints(plant, &around)?);
-            let mut piece = piece.map_err(|e| e.later(range.start - shift))?;
+            let first = range.start - shift;
+            let piece = joints(plant, &around).and_then(|joints| {
+                let known = known.from(first).completed(&around, &joints)?;
+                predict_along(plant, &around, &joints.knowing(known))
+            });
+            let mut piece = piece.map_err(|e| e.later(first))?;
             piece.iter_mut().for_each(|series| *series = series[shift..shift + range.len()].to_vec());
             Ok(piece)
         })
@@ -122,7 +151,7 @@ fn joints<'a>(plant: &'a Plant, dataset: &'a Dataset) -> Result<Joints<'a>, Kine
         true => Cow::Owned(dataset.joints.iter().map(|j| plant.behind_encoders(j)).collect()),
         false => Cow::Borrowed(dataset.joints.as_slice()),
     };
-    let rigid = Joints { plant, encoders: states.clone(), states };
+    let rigid = Joints { plant, encoders: states.clone(), states, known: Laws::default() };
     match gear_springs(plant) {
         Some(gears) => gears::deflected(dataset, &rigid, &gears),
         None => Ok(rigid),
@@ -141,6 +170,9 @@ fn predict_along(plant: &Plant, dataset: &Dataset, joints: &Joints) -> Result<Ch
 
 /// Predicted channels before the effects of sensors.
 fn ideal(plant: &Plant, dataset: &Dataset, joints: &Joints) -> Result<Channels, KinematicsError> {
+    if let Some(sum) = joints.known.sum(plant, dataset.len()) {
+        return Ok(sum);
+    }
     let gears = gear_springs(plant).unwrap_or_default();
     let behind = gears::behind(plant, &gears);
     let effects: Vec<&ActiveEffect> = behind.effects.iter().collect();
@@ -148,15 +180,19 @@ fn ideal(plant: &Plant, dataset: &Dataset, joints: &Joints) -> Result<Channels, 
     let with_struts = dataset.channels.iter().any(|c| c.drive().is_none());
     let mut outputs: Vec<Output> = (0..dataset.len())
         .into_par_iter()
-        .map(|k| {
-            let out = inverse_dynamics(&behind, dataset.t[k], &joints.motion(k)?, &own.at(k), with_struts);
-            let mut out = out.map_err(|e| e.at_sample(k))?;
-            for (i, gear) in gears.iter().enumerate() {
-                // The rotor moves with the encoder, not with the arm.
-                out.tau[i] += gear.rotor_inertia * (joints.encoders[k].qdd[i] - joints.states[k].qdd[i]);
-            }
-            Ok(out)
-        })
+        .map_init(
+            || Motion::REST,
+            |motion, k| {
+                joints.set_motion(k, motion)?;
+                let out = inverse_dynamics(&behind, dataset.t[k], motion, &own.at(k), with_struts);
+                let mut out = out.map_err(|e| e.at_sample(k))?;
+                for (i, gear) in gears.iter().enumerate() {
+                    // The rotor moves with the encoder, not with the arm.
+                    out.tau[i] += gear.rotor_inertia * (joints.encoders[k].qdd[i] - joints.states[k].qdd[i]);
+                }
+                Ok(out)
+            },
+        )
         // The error of the first failing sample, independent of the threads.
         .collect::<Vec<Result<_, KinematicsError>>>()
         .into_iter()
@@ -182,13 +218,13 @@ fn at_motors(
     let encoders = joints.of_encoders();
     let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
     let own = InternalStates::along(plant, &effects, dataset, &encoders)?;
-    let difference = |k: usize| {
-        let motion = encoders.motion(k)?;
-        let with = inverse_dynamics(plant, dataset.t[k], &motion, &own.at(k), false)?.tau;
-        let without = inverse_dynamics(behind, dataset.t[k], &motion, &own_behind.at(k), false)?.tau;
+    let difference = |motion: &mut Motion, k: usize| {
+        encoders.set_motion(k, motion)?;
+        let with = inverse_dynamics(plant, dataset.t[k], motion, &own.at(k), false)?.tau;
+        let without = inverse_dynamics(behind, dataset.t[k], motion, &own_behind.at(k), false)?.tau;
         Ok(std::array::from_fn(|i| with[i] - without[i]))
     };
-    (0..dataset.len()).into_par_iter().map(difference).collect()
+    (0..dataset.len()).into_par_iter().map_init(|| Motion::REST, difference).collect()
 }
 
 /// Applies the plant's sensor effects to the torque channels.

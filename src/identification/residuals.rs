@@ -1,7 +1,7 @@
 //! [`Residuals`]: measured minus predicted channels of recordings.
 
 use super::fit::{FitError, kinematics};
-use super::prediction::{Channels, predict};
+use super::prediction::{Channels, KeptColumns, predict, predict_knowing};
 use super::{Dataset, NoiseLevel};
 use crate::model::Model;
 
@@ -49,6 +49,19 @@ impl Residuals {
             Ok(subtracted(dataset, &predicted))
         };
         datasets.iter().map(one).collect::<Result<Vec<_>, _>>().map(Self::from)
+    }
+
+    /// Residuals of `model` along recordings whose columns are kept from one model to the next.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn along(model: &Model, recordings: &[KeptColumns]) -> Result<Self, FitError> {
+        let one = |kept: &KeptColumns| {
+            let (plant, dataset) = (kept.dataset.plant(model), kept.dataset);
+            let predicted = kept.laws(&plant).and_then(|known| predict_knowing(&plant, dataset, &known));
+            Ok(subtracted(dataset, &predicted.map_err(kinematics(dataset))?))
+        };
+        recordings.iter().map(one).collect::<Result<Vec<_>, _>>().map(Self::from)
     }
 
     /// Residuals of one recording with the given `predicted` channels.

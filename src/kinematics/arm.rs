@@ -66,8 +66,22 @@ impl Arm {
     }
 
     /// The arms of the first three limbs with their drives at `q`.
+    #[inline]
     pub fn three(geometry: &Geometry, q: &[f64]) -> [Self; ARMS] {
-        std::array::from_fn(|i| Self::new(&geometry.limbs[i], q[i]))
+        let limb = |i: usize| Self::new(&geometry.limbs[i], q[i]);
+        [limb(0), limb(1), limb(2)]
+    }
+
+    /// The arm of `limb` where its frame moves as `arm`.
+    #[inline]
+    pub fn of(limb: &Limb, arm: &BodyMotion) -> Self {
+        let (x, z) = (arm.rotation.column(0).into_owned(), arm.rotation.column(2).into_owned());
+        let lever = x * limb.arm_length;
+        let (slope, curvature) = match limb.actuator {
+            Actuator::Revolute => (z * -limb.arm_length, -lever),
+            Actuator::Prismatic { .. } => (x, Vector3::zeros()),
+        };
+        Self { x, z, origin: arm.position, elbow: arm.position + lever, slope, curvature }
     }
 
     /// ∂³e/∂q³, m/rad³.

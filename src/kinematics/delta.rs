@@ -11,7 +11,8 @@ use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
 use super::arm::Arm;
-use crate::machine::{ARMS, AXES, Actuator, Geometry, Limb};
+use super::motion::Motion;
+use crate::machine::{ARMS, AXES, Actuator, Geometry, Limb, bodies};
 
 /// Joint angles (rad), rates and accelerations.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -289,10 +290,28 @@ impl Geometry {
     /// # Panics
     /// If `q` has fewer than three elements.
     pub fn jacobian(&self, q: &[f64], position: &Vector3<f64>) -> Result<Matrix3<f64>, KinematicsError> {
+        self.jacobian_of(&Arm::three(self, q), q, position)
+    }
+
+    /// [`Self::jacobian`] with the arms of a motion.
+    ///
+    /// # Errors
+    /// As [`Self::jacobian`].
+    pub(crate) fn jacobian_along(&self, motion: &Motion) -> Result<Matrix3<f64>, KinematicsError> {
+        let arm = |i: usize| Arm::of(&self.limbs[i], &motion.bodies[bodies::arm(i)]);
+        self.jacobian_of(&[arm(0), arm(1), arm(2)], &motion.q, &motion.bodies[bodies::PLATFORM].position)
+    }
+
+    fn jacobian_of(
+        &self,
+        arms: &[Arm; ARMS],
+        q: &[f64],
+        position: &Vector3<f64>,
+    ) -> Result<Matrix3<f64>, KinematicsError> {
         // l·ṗ = (l·∂e/∂q) q̇
         let mut parallel = Matrix3::zeros();
         let mut serial = Vector3::zeros();
-        for (i, arm) in Arm::three(self, q).iter().enumerate() {
+        for (i, arm) in arms.iter().enumerate() {
             let l = position + self.limbs[i].point - arm.elbow;
             parallel.set_row(i, &l.transpose());
             serial[i] = l.dot(&arm.slope);

@@ -267,78 +267,108 @@ impl Motion {
 }
 
 impl Motion {
+    /// Motion without joints and bodies.
+    pub const REST: Self = Self {
+        arms: Joint::Revolute,
+        limbs: 0,
+        driven: 0,
+        shaft: [Vector3::new(0., 0., 0.); MAX_LIMBS],
+        q: [0.0; AXES],
+        qd: [0.0; AXES],
+        qdd: [0.0; AXES],
+        bodies: [BodyMotion::REST; SLOTS],
+        strut_axis: [Vector3::new(0., 0., 0.); MAX_STRUTS],
+        strut_length: [0.0; MAX_STRUTS],
+        carrier: [PLATFORM; MAX_STRUTS],
+        telescope: Telescope { axis: Vector3::new(0., 0., 1.), length: 0.0, rate: 0.0 },
+    };
+
     /// Motion of the assembled robot for a joint motion, with struts that do not spin. Bodies that carry ball pairs only
     /// translate, unless the struts of a pair differ in length.
     ///
     /// # Errors
     /// Those of [`Geometry::forward_motion`].
     pub fn assembled(geometry: &Geometry, joints: &JointState) -> Result<Self, KinematicsError> {
+        let mut motion = Self::REST;
+        motion.assemble(geometry, joints)?;
+        Ok(motion)
+    }
+
+    /// Makes this the motion that [`Self::assembled`] returns; it was the motion of the same machine or [`Self::REST`].
+    ///
+    /// # Errors
+    /// As [`Self::assembled`].
+    pub fn assemble(&mut self, geometry: &Geometry, joints: &JointState) -> Result<(), KinematicsError> {
         let (joints, platform) = geometry.complete(joints)?;
-        match geometry.has_unequal_pairs() {
-            true => Self::tilted(geometry, &joints, &platform),
-            false => Ok(Self::with_platform(geometry, &joints, &platform)),
+        if geometry.has_unequal_pairs() {
+            *self = Self::tilted(geometry, &joints, &platform)?;
+        } else {
+            self.disassemble(geometry, &joints);
+            self.place_platform(geometry, &platform);
         }
+        Ok(())
     }
 
     /// Motion of the arms and the rotor of a disassembled robot.
     pub fn disassembled(geometry: &Geometry, joints: &JointState) -> Self {
-        let mut motion = Self {
-            arms: geometry.actuator().joint(),
-            limbs: geometry.limbs.len(),
-            driven: geometry.driven(),
-            shaft: [Vector3::zeros(); MAX_LIMBS],
-            q: joints.q,
-            qd: joints.qd,
-            qdd: joints.qdd,
-            bodies: [BodyMotion::REST; SLOTS],
-            strut_axis: [Vector3::zeros(); MAX_STRUTS],
-            strut_length: [0.0; MAX_STRUTS],
-            carrier: [PLATFORM; MAX_STRUTS],
-            telescope: Telescope { axis: Vector3::z(), length: 0.0, rate: 0.0 },
-        };
+        let mut motion = Self::REST;
+        motion.disassemble(geometry, joints);
+        motion
+    }
+
+    /// Sets the joints, the arms and the rotor.
+    pub fn disassemble(&mut self, geometry: &Geometry, joints: &JointState) {
+        self.arms = geometry.actuator().joint();
+        self.limbs = geometry.limbs.len();
+        self.driven = geometry.driven();
+        JointState { q: self.q, qd: self.qd, qdd: self.qdd } = *joints;
         let plate = geometry.plate.bodies();
         for (i, limb) in geometry.limbs.iter().enumerate() {
-            motion.bodies[arm(i)] = arm_motion(limb, joints.q[i], joints.qd[i], joints.qdd[i]);
-            motion.shaft[i] = limb.tangential();
-            motion.strut_length[2 * i..2 * i + 2].fill(limb.strut_length);
-            motion.carrier[2 * i..2 * i + 2].fill(plate[limb.part]);
+            self.bodies[arm(i)] = arm_motion(limb, joints.q[i], joints.qd[i], joints.qdd[i]);
+            self.shaft[i] = limb.tangential();
+            self.strut_length[2 * i..2 * i + 2].fill(limb.strut_length);
+            self.carrier[2 * i..2 * i + 2].fill(plate[limb.part]);
         }
         let [psi, rate, acceleration] = match geometry.limbs.len() < AXES {
             true => [joints.q[3], joints.qd[3], joints.qdd[3]],
             false => [0.0; 3],
         };
-        motion.bodies[ROTOR] = BodyMotion {
+        self.bodies[ROTOR] = BodyMotion {
             rotation: rotation_z(psi),
             position: geometry.upper_hooke(),
             angular_velocity: Vector3::z() * rate,
             angular_acceleration: Vector3::z() * acceleration,
             ..BodyMotion::REST
         };
-        motion
     }
 
     /// Motion of the assembled robot for a joint motion and the platform motion consistent with it; both struts of a pair
     /// have their mean length.
     pub fn with_platform(geometry: &Geometry, joints: &JointState, platform: &PlatformState) -> Self {
         let mut motion = Self::disassembled(geometry, joints);
-        motion.place_plate(geometry, platform);
+        motion.place_platform(geometry, platform);
+        motion
+    }
+
+    /// Sets the plate, the struts and the telescope.
+    fn place_platform(&mut self, geometry: &Geometry, platform: &PlatformState) {
+        self.place_plate(geometry, platform);
         for (i, limb) in geometry.limbs.iter().enumerate() {
             let ends = StrutEnds { offset: Vector3::zeros(), point: limb.point, length: limb.strut_length };
-            let (body, axis) = strut_motion(limb, &motion.bodies[arm(i)], &motion.bodies[motion.carrier[2 * i]], &ends);
+            let (body, axis) = strut_motion(limb, &self.bodies[arm(i)], &self.bodies[self.carrier[2 * i]], &ends);
             let v = limb.tangential() * (0.5 * limb.pair_distance);
             for (s, offset) in [(2 * i, v), (2 * i + 1, -v)] {
-                motion.bodies[strut(s)] = BodyMotion { position: body.position + offset, ..body };
-                motion.strut_axis[s] = axis;
+                self.bodies[strut(s)] = BodyMotion { position: body.position + offset, ..body };
+                self.strut_axis[s] = axis;
             }
         }
         let lower_hooke = platform.position + Vector3::z() * geometry.lower_hooke_height;
-        let (rotor, hooke) = (&motion.bodies[ROTOR], geometry.upper_hooke());
+        let (rotor, hooke) = (&self.bodies[ROTOR], geometry.upper_hooke());
         let (upper, lower, telescope) =
             telescope_motion(hooke, lower_hooke, rotor, platform.velocity, platform.acceleration);
-        motion.bodies[TELESCOPE_UPPER] = upper;
-        motion.bodies[TELESCOPE_LOWER] = lower;
-        motion.telescope = telescope;
-        motion
+        self.bodies[TELESCOPE_UPPER] = upper;
+        self.bodies[TELESCOPE_LOWER] = lower;
+        self.telescope = telescope;
     }
 
     /// Sets the parts of the plate, and the end effector at its flange.

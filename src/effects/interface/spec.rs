@@ -44,11 +44,14 @@ pub struct Reads {
     pub torque: bool,
     /// The stated payload, without which they vanish.
     pub payload: bool,
+    /// Inertia of the bodies.
+    pub inertia: bool,
 }
 
 impl Reads {
     /// Positions and velocities only.
-    pub const MOTION: Self = Self { reactions: false, accelerations: false, torque: false, payload: false };
+    pub const MOTION: Self =
+        Self { reactions: false, accelerations: false, torque: false, payload: false, inertia: false };
 }
 
 /// Initial values of a search for an absent effect.

@@ -10,7 +10,7 @@ use crate::evidence::{NEVER, Stop};
 use crate::identification::estimator::PRIOR_INFORMATION;
 use crate::identification::filtering::MIN_HALF_WIDTH;
 use crate::identification::normal_equations::{NormalEquations, Weight};
-use crate::identification::prediction::Channels;
+use crate::identification::prediction::{Channels, KeptColumns};
 use crate::identification::{Dataset, Residuals, regularisation};
 use crate::model::Model;
 use crate::recording::Series;
@@ -18,6 +18,8 @@ use crate::recording::Series;
 /// Regression problem with all quantities that do not depend on the parameters' present values.
 pub(super) struct Regression<'a> {
     pub datasets: &'a [Dataset],
+    /// The datasets with the columns that their models share.
+    kept: Kept<'a>,
     pub sigma: Vec<Vec<f64>>,
     /// Whether `sigma` is the noise.
     pub white: bool,
@@ -38,6 +40,21 @@ pub(super) struct Regression<'a> {
     pub stop: Stop<'a>,
     /// Work so far.
     pub work: Cell<Work>,
+}
+
+/// Columns of this fit alone, or of several.
+enum Kept<'a> {
+    Own(Vec<KeptColumns<'a>>),
+    Shared(&'a [KeptColumns<'a>]),
+}
+
+impl<'a> Kept<'a> {
+    fn all(&self) -> &[KeptColumns<'a>] {
+        match self {
+            Self::Own(own) => own,
+            Self::Shared(shared) => shared,
+        }
+    }
 }
 
 impl<'a> Regression<'a> {
@@ -66,8 +83,13 @@ impl<'a> Regression<'a> {
             Weighing::Noise => noise.to_vec(),
             Weighing::Maximum => largest(datasets, noise),
         };
+        let kept = match options.kept {
+            Some(kept) => Kept::Shared(kept),
+            None => Kept::Own(KeptColumns::of(datasets)),
+        };
         Ok(Self {
             datasets,
+            kept,
             sigma,
             white: options.weighing == Weighing::Noise,
             size: DVector::from_iterator(free.len(), free.iter().map(|&k| nominal_size(known(k)))),
@@ -101,13 +123,13 @@ impl<'a> Regression<'a> {
     /// Normal equations of all samples, linearised at the present parameters of `model`.
     pub fn normal_equations(&self, model: &Model, weight: Weight) -> Result<NormalEquations, FitError> {
         self.count(Work { regressions: 1, ..Work::default() });
-        NormalEquations::new(model, self.datasets, &self.sigma, &self.free, weight)
+        NormalEquations::new(model, self.kept.all(), &self.sigma, &self.free, weight)
     }
 
     /// Residuals of `model`.
     pub fn residuals(&self, model: &Model) -> Result<Residuals, FitError> {
         self.count(Work { predictions: 1, ..Work::default() });
-        Residuals::new(model, self.datasets)
+        Residuals::along(model, self.kept.all())
     }
 
     /// Adds to the work so far.

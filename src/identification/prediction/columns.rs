@@ -13,11 +13,11 @@ use std::sync::OnceLock;
 
 use rayon::prelude::*;
 
-use super::{Channels, InternalStates, Joints, gear_springs, gears, ideal, joints, observe, predict};
+use super::{Channels, InternalStates, Joints, Laws, gear_springs, gears, ideal, joints, observe, predict};
 use crate::dynamics::{ChannelMap, Output, Plant, Sample, add_regressor, inverse_dynamics};
 use crate::effects::{ActiveEffect, Entry, Kind, Role};
 use crate::identification::Dataset;
-use crate::kinematics::KinematicsError;
+use crate::kinematics::{KinematicsError, Motion};
 
 /// Number of blocks processed together.
 const CHUNK: usize = 64;
@@ -72,12 +72,19 @@ pub fn columns(
     Ok(along(dataset, &Moved::new(joints(plant, dataset)?), &wanted, 1)?.concat())
 }
 
-/// Predicted channels of a plant along a dataset, and their derivatives with respect to all its parameters.
+/// Predicted channels of a plant along a dataset, and their derivatives with respect to all its parameters; `known` are
+/// columns of its laws in the dataset.
 ///
 /// # Errors
 /// As [`columns`].
-pub fn prediction_and_columns(plant: &Plant, dataset: &Dataset) -> Result<(Channels, Vec<Channels>), KinematicsError> {
-    let moved = Moved::new(joints(plant, dataset)?);
+pub fn prediction_and_columns(
+    plant: &Plant,
+    dataset: &Dataset,
+    known: Laws,
+) -> Result<(Channels, Vec<Channels>), KinematicsError> {
+    let joints = joints(plant, dataset)?;
+    let known = known.completed(dataset, &joints)?;
+    let moved = Moved::new(joints.knowing(known));
     let rigid = plant.rigid_bodies();
     let columns = along(dataset, &moved, &Wanted::own(plant, &rigid), 1)?.concat();
     let mut predicted = moved.into_unobserved(dataset)?;
@@ -87,7 +94,7 @@ pub fn prediction_and_columns(plant: &Plant, dataset: &Dataset) -> Result<(Chann
 
 /// Columns of all parameters of a plant and of candidates, `[effect][parameter][channel][block]`, averaged over
 /// `block` samples. The plant's effects come first, starting with `rigid_bodies`; shape parameters of candidates have
-/// zero columns.
+/// zero columns. `known` are columns of the plant's laws in the dataset.
 ///
 /// # Errors
 /// As [`columns`].
@@ -96,11 +103,12 @@ pub fn averaged_columns(
     dataset: &Dataset,
     candidates: &[ActiveEffect],
     block: usize,
+    known: Laws,
 ) -> Result<Vec<Vec<Channels>>, KinematicsError> {
     let rigid = plant.rigid_bodies();
     let mut wanted = Wanted::own(plant, &rigid);
     wanted.extend(candidates.iter().map(|active| Wanted { active, is_candidate: true, shapes: false }));
-    along(dataset, &Moved::new(joints(plant, dataset)?), &wanted, block)
+    along(dataset, &Moved::new(joints(plant, dataset)?.knowing(known)), &wanted, block)
 }
 
 /// Motion of the joints with the channels before the sensors, which are computed at the first request.
@@ -348,42 +356,62 @@ fn with(plant: &Plant, active: &ActiveEffect, step: Option<(usize, f64)>, is_can
     plant
 }
 
-/// Columns of the linear parameters at the given motion of the joints; zero for all others.
+/// Columns of the linear parameters at the given motion of the joints as the sensors show them; zero for all others.
 fn linear(
     effects: &[&ActiveEffect],
     dataset: &Dataset,
     moved: &Moved,
     block: usize,
 ) -> Result<Vec<Vec<Channels>>, KinematicsError> {
-    let joints = &moved.joints;
+    let (joints, plant) = (&moved.joints, moved.joints.plant);
+    let known: Vec<Option<Vec<Channels>>> = effects.iter().map(|a| joints.known.of(plant, a, dataset.len())).collect();
+    let open: Vec<&ActiveEffect> =
+        effects.iter().zip(&known).filter(|(_, known)| known.is_none()).map(|(a, _)| *a).collect();
+    let mut computed = terms(&open, dataset, joints, block)?.into_iter();
+    let averaged = |columns: Vec<Channels>| columns.into_iter().map(|c| means(dataset, c, block)).collect();
+    let mut columns: Vec<Vec<Channels>> =
+        known.into_iter().map(|known| known.map_or_else(|| computed.next().unwrap_or_default(), averaged)).collect();
+    if plant.observes() {
+        see(dataset, moved, block, &mut columns)?;
+    }
+    Ok(columns)
+}
+
+/// Columns of the linear parameters at the given motion of the joints before the sensors; zero for all others.
+pub(super) fn terms(
+    effects: &[&ActiveEffect],
+    dataset: &Dataset,
+    joints: &Joints,
+    block: usize,
+) -> Result<Vec<Vec<Channels>>, KinematicsError> {
     let plant = joints.plant;
-    let states = InternalStates::along(plant, effects, dataset, joints)?;
-    let plant_effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
-    let plant_states = InternalStates::along(plant, &plant_effects, dataset, joints)?;
-    let reads_reactions = effects.iter().any(|a| a.effect.spec().reads.reactions);
-    let reads = reads_reactions || effects.iter().any(|a| a.effect.spec().reads.torque);
     let widths: Vec<usize> = effects.iter().map(|a| a.values.len()).collect();
     let total: usize = widths.iter().sum();
     let channels = dataset.channels.len();
     if total == 0 || channels == 0 {
         return Ok(widths.iter().map(|width| vec![Channels::new(); *width]).collect());
     }
+    let states = InternalStates::along(plant, effects, dataset, joints)?;
+    let plant_effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
+    let plant_states = InternalStates::along(plant, &plant_effects, dataset, joints)?;
+    let reads_reactions = effects.iter().any(|a| a.effect.spec().reads.reactions);
+    let reads = reads_reactions || effects.iter().any(|a| a.effect.spec().reads.torque);
     let blocks: Vec<Range<usize>> = dataset.blocks(block).collect();
-    let sum = |range: &Range<usize>, out: &mut [f64]| {
+    let sum = |range: &Range<usize>, motion: &mut Motion, out: &mut [f64]| {
         for k in range.clone() {
-            let motion = joints.motion(k)?;
+            joints.set_motion(k, motion)?;
             let loads = if reads {
-                inverse_dynamics(plant, dataset.t[k], &motion, &plant_states.at(k), reads_reactions)
+                inverse_dynamics(plant, dataset.t[k], motion, &plant_states.at(k), reads_reactions)
                     .map_err(|e| e.at_sample(k))?
             } else {
                 Output::default()
             };
-            let map = ChannelMap::new(&plant.geometry, &motion, plant.assembled, &dataset.channels)?;
+            let map = ChannelMap::new(&plant.geometry, motion, plant.assembled, &dataset.channels)?;
             let mut at = 0;
             for (i, (active, width)) in effects.iter().zip(&widths).enumerate() {
                 let state = states.of(k, i);
                 let rows = &mut out[at * channels..(at + width) * channels];
-                let sample = Sample { t: dataset.t[k], motion: &motion, loads: &loads };
+                let sample = Sample { t: dataset.t[k], motion, loads: &loads };
                 add_regressor(plant, active, &sample, state, &map, rows).map_err(|e| e.at_sample(k))?;
                 at += width;
             }
@@ -394,9 +422,10 @@ fn linear(
     let chunks: Vec<Vec<f64>> = blocks
         .par_chunks(CHUNK)
         .map(|chunk| {
+            let mut motion = Motion::REST;
             let mut rows = vec![0.0; chunk.len() * total * channels];
             for (range, row) in chunk.iter().zip(rows.chunks_exact_mut(total * channels)) {
-                sum(range, row)?;
+                sum(range, &mut motion, row)?;
             }
             Ok(rows)
         })
@@ -408,11 +437,8 @@ fn linear(
         }
         out
     };
-    let mut columns: Vec<Channels> =
+    let columns: Vec<Channels> =
         (0..total).into_par_iter().map(|p| (0..channels).map(|c| series(p, c)).collect()).collect();
-    if plant.observes() {
-        see(dataset, moved, block, &mut columns)?;
-    }
     let mut columns = columns.into_iter();
     Ok(widths.iter().map(|w| columns.by_ref().take(*w).collect()).collect())
 }
@@ -421,7 +447,7 @@ fn linear(
 const SENSOR_STEP: f64 = 1e-4;
 
 /// Turns derivatives of the ideal channels into those of the observed ones.
-fn see(dataset: &Dataset, moved: &Moved, block: usize, columns: &mut [Channels]) -> Result<(), KinematicsError> {
+fn see(dataset: &Dataset, moved: &Moved, block: usize, columns: &mut [Vec<Channels>]) -> Result<(), KinematicsError> {
     let plant = moved.joints.plant;
     let middle = middle(dataset, block);
     let affine = plant.effects.iter().filter_map(|a| a.effect.sensor()).all(|sensor| sensor.is_affine());
@@ -434,7 +460,7 @@ fn see(dataset: &Dataset, moved: &Moved, block: usize, columns: &mut [Channels])
     observe(plant, &middle, &mut seen);
     let largest = |series: &Channels| series.iter().flatten().fold(0.0, |most: f64, x| most.max(x.abs()));
     let size = largest(&here);
-    columns.par_iter_mut().for_each(|column| {
+    columns.par_iter_mut().flatten().for_each(|column| {
         let own = largest(column);
         let step = if affine || size * own == 0.0 { 1.0 } else { SENSOR_STEP * size / own };
         for (x, h) in column.iter_mut().flatten().zip(here.iter().flatten()) {
@@ -506,7 +532,7 @@ mod tests {
         };
         let candidates: Vec<ActiveEffect> =
             REGISTRY.iter().filter(known).map(|e| ActiveEffect::absent_on(Arc::clone(e), model.host())).collect();
-        let all = averaged_columns(&plant, &dataset, &candidates, BLOCK).unwrap();
+        let all = averaged_columns(&plant, &dataset, &candidates, BLOCK, Laws::default()).unwrap();
         let mut expected = vec![columns(&plant, &dataset, None).unwrap()];
         expected.extend(candidates.iter().map(|c| columns(&plant, &dataset, Some(c)).unwrap()));
         let own = all.len() - candidates.len();

@@ -4,7 +4,7 @@ use super::Joints;
 use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, Instant, Kind, Role};
 use crate::identification::Dataset;
-use crate::kinematics::{KinematicsError, Reactions};
+use crate::kinematics::{KinematicsError, Motion, Reactions};
 use crate::machine::Part;
 
 /// Internal states of several effects at each sample.
@@ -41,7 +41,8 @@ impl InternalStates {
         let host = host(plant, effects);
         let of_host: Vec<&ActiveEffect> = host.iter().flat_map(|host| &host.effects).collect();
         let all = [effects, &of_host].concat();
-        let mut motions = [joints.motion(0)?; 2];
+        let mut motions = [Motion::REST; 2];
+        joints.set_motion(0, &mut motions[0])?;
         let resting = host.as_ref().map_or(Reactions::ZERO, |host| host.resting_reactions(dataset.t[0], &motions[0]));
         let first = Instant { reactions: &resting, ..plant.instant(dataset.t[0], &motions[0], &[]) };
         let start = |a: &&ActiveEffect| if moving(a) { a.steady_state(&first) } else { a.initial_state() };
@@ -53,8 +54,10 @@ impl InternalStates {
         let mut values = Vec::with_capacity(dataset.len() * width);
         for k in 0..dataset.len() {
             if k > 0 {
-                motions = [motions[1], joints.motion(k)?];
-                let ends: [Instant; 2] = std::array::from_fn(|i| plant.instant(dataset.t[k - 1 + i], &motions[i], &[]));
+                let (here, before) = (k % 2, (k + 1) % 2);
+                joints.set_motion(k, &mut motions[here])?;
+                let motions = [&motions[before], &motions[here]];
+                let ends: [Instant; 2] = std::array::from_fn(|i| plant.instant(dataset.t[k - 1 + i], motions[i], &[]));
                 if let Some(host) = &host {
                     let states: Vec<&[f64]> = now[effects.len()..].iter().map(Vec::as_slice).collect();
                     let at_end = |i: usize| host.reactions(ends[i].t, ends[i].motion, &states);
