@@ -134,6 +134,7 @@ impl How {
             weights: &self.weights,
             fixed: &self.hold,
             stop: Some(stop),
+            ..Options::default()
         }
     }
 }

@@ -131,7 +131,7 @@ impl How {
             prior_information: Some(self.regularisation),
             weights: &self.gamma,
             fixed: &self.hold,
-            stop: None,
+            ..Options::default()
         }
     }
 
