@@ -45,18 +45,15 @@ impl Sensor for SignalDelay {
         if step <= 0.0 || values.one(0) == 0.0 {
             return;
         }
-        let even = is_even(&signals.t, step);
-        let shift = values.one(0) / step;
+        if is_even(&signals.t, step) {
+            return signals.torques_mut().for_each(|tau| *tau = delayed(tau, values.one(0) / step).into());
+        }
         let mut next = 0;
         let late = |t: &f64| place(&signals.t, t - values.one(0), &mut next);
-        let places: Vec<f64> = match even {
-            true => (0..signals.len()).map(|k| k as f64 - shift).collect(),
-            false => signals.t.iter().map(late).collect(),
-        };
+        let places: Vec<f64> = signals.t.iter().map(late).collect();
         for tau in signals.torques_mut() {
             let source = std::mem::take(tau);
-            let at = |x: &f64| if even { interpolate(&source, *x) } else { between(&source, *x) };
-            tau.extend(places.iter().map(at));
+            tau.extend(places.iter().map(|x| between(&source, *x)));
         }
     }
 
@@ -81,6 +78,22 @@ fn between(samples: &[f64], x: f64) -> f64 {
     samples[k] + (x - k as f64) * (samples[k + 1] - samples[k])
 }
 
+/// A series `shift` samples later, by four-point Lagrange interpolation; constant beyond the ends.
+fn delayed(samples: &[f64], shift: f64) -> Vec<f64> {
+    let ends = |k: usize| interpolate(samples, k as f64 - shift);
+    // All inner samples have the same weights, of the sample at `shift` rounded up and its neighbours.
+    let back = shift.ceil();
+    let weights = lagrange(1.0 + back - shift);
+    let first = |k: usize| (k as f64 - back) as isize - 1;
+    let is_inner = |k: usize| first(k) >= 0 && first(k) + 4 <= samples.len() as isize;
+    let Some(begin) = (0..samples.len()).find(|&k| is_inner(k)) else { return (0..samples.len()).map(ends).collect() };
+    let nodes = samples[first(begin) as usize..].windows(4).take(samples.len() - begin);
+    let mut out: Vec<f64> = (0..begin).map(ends).collect();
+    out.extend(nodes.map(|x| weights[0] * x[0] + weights[1] * x[1] + weights[2] * x[2] + weights[3] * x[3]));
+    out.extend((out.len()..samples.len()).map(ends));
+    out
+}
+
 /// Four-point Lagrange interpolation at sample position `x`, constant beyond the ends.
 fn interpolate(samples: &[f64], x: f64) -> f64 {
     let last = samples.len() - 1;
@@ -89,12 +102,14 @@ fn interpolate(samples: &[f64], x: f64) -> f64 {
         return samples[x.round() as usize];
     }
     let first = (x.floor() as usize).saturating_sub(1).min(last - 3);
-    // Weights Π_{j≠i} (s − j)/(i − j) of the nodes 0 to 3.
-    let s = x - first as f64;
+    lagrange(x - first as f64).iter().zip(&samples[first..first + 4]).map(|(w, x)| w * x).sum()
+}
+
+/// Weights Π_{j≠i} (s − j)/(i − j) of the nodes 0 to 3 at `s`.
+fn lagrange(s: f64) -> [f64; 4] {
     let (lower, upper) = (s * (s - 1.0), (s - 2.0) * (s - 3.0));
     let (near, far) = (0.5 * upper, lower / 6.0);
-    let weights = [near * (s - 1.0) / -3.0, near * s, 3.0 * far * (3.0 - s), far * (s - 2.0)];
-    weights.iter().zip(&samples[first..first + 4]).map(|(w, x)| w * x).sum()
+    [near * (s - 1.0) / -3.0, near * s, 3.0 * far * (3.0 - s), far * (s - 2.0)]
 }
 
 #[cfg(test)]
@@ -115,6 +130,17 @@ mod tests {
         let active = ActiveEffect::new(Arc::new(SignalDelay), &[&[0.0137]]);
         SignalDelay.observe(&active.values(), &mut s);
         approx::assert_relative_eq!(s[Channel::Torque(2)][10], 3.0 * (s.t[10] - 0.0137) + 1.0, epsilon = 1e-12);
+    }
+
+    /// Inner samples share their weights; each is interpolated at its own place.
+    #[test]
+    fn samples_are_interpolated_at_their_places() {
+        let samples: Vec<f64> = (0..9).map(|k| (0.7 * f64::from(k)).sin()).collect();
+        for shift in [-12.5, -2.25, -1.0, 0.0, 0.4, 1.0, 3.75, 20.0] {
+            let each: Vec<f64> = (0..9).map(|k| interpolate(&samples, f64::from(k) - shift)).collect();
+            approx::assert_relative_eq!(delayed(&samples, shift)[..], each[..], epsilon = 1e-14);
+            assert_eq!(delayed(&samples[..2], shift).len(), 2);
+        }
     }
 
     #[test]
