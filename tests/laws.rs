@@ -266,6 +266,30 @@ fn drive_torques(plant: &Plant, active: &ActiveEffect, motion: &Motion, torque: 
     sum
 }
 
+/// Columns of laws that do not depend on the inertia are shared by models of other inertia.
+#[test]
+fn laws_that_depend_on_the_inertia_say_so() {
+    let rng = &mut rng(11);
+    let light = Plant::new(&model(NOMINAL), &payload());
+    let motion = light.motion(&random_joints(&light, rng)).unwrap();
+    let mut heavy = light.clone();
+    heavy.bodies.0.iter_mut().for_each(|inertia| *inertia = *inertia * 2.0);
+    for effect in &REGISTRY[1..] {
+        let active = at_random(effect.clone(), rng, false);
+        let state: Vec<f64> = active.initial_state().iter().map(|_| rng.random_range(0.1..1.0)).collect();
+        let wrenches = |plant: &Plant| {
+            let (mut all, reactions) = (Vec::new(), Reactions::default());
+            let at = instant(plant, &motion, &reactions, [3.0; 4], &state);
+            let mut add =
+                |k: usize, body: usize, force: Vector3<f64>, moment: Vector3<f64>| all.push((k, body, force, moment));
+            let out = &mut Wrenches::new(&motion, &mut |k, body, force, moment| add(k, body, *force, *moment));
+            active.effect.wrenches_along(&active.values(), &at, out);
+            all
+        };
+        assert_eq!(wrenches(&light) != wrenches(&heavy), effect.spec().reads.inertia, "{}", effect.name());
+    }
+}
+
 fn instant<'a>(
     plant: &'a Plant,
     motion: &'a Motion,

@@ -253,8 +253,8 @@ fn shown(data: &Data) -> Dataset {
 }
 
 /// Time limit by default: seconds per 50 000 samples, and the least.
-const SECONDS: f64 = 15.0;
-const LEAST: f64 = 30.0;
+const SECONDS: f64 = 250.0;
+const LEAST: f64 = 500.0;
 
 /// Name the physical effect that a model lacks.
 ///
@@ -270,8 +270,8 @@ const LEAST: f64 = 30.0;
 ///     Laws in Python that are tried beside the catalogue. Each is called once per recording with all of its samples;
 ///     ``law.calls`` and ``law.seconds`` say what it cost.
 /// time_limit : float, optional
-///     Seconds after which the best answer so far is given, with what was ``not_tried``; by default 15 s for every
-///     50 000 samples, and not less than 30 s.
+///     Seconds after which the best answer so far is given, with what was ``not_tried``; by default 250 s for every
+///     50 000 samples, and not less than 500 s; the work is bounded, too.
 ///
 /// Raises
 /// ------

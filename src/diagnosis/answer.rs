@@ -86,7 +86,12 @@ pub struct Diagnosis {
     pub left: Left,
     /// Set if the recordings have too few rows to test any effect.
     pub too_few: Option<TooFew>,
-    /// Names of effects and steps that were not tried for lack of time.
+    /// Time over which the coarsest angles are smoothed, s, where that hides reversals: friction around them and faster motion
+    /// leave an error that is not the machine's.
+    pub smoothing: Option<f64>,
+    /// Whether the permitted work, and not the time, ended the search.
+    pub is_work_spent: bool,
+    /// Names of effects and steps that were not tried, as the time or the permitted work was spent.
     pub not_tried: Vec<String>,
     /// What repeats of the residual with everything found, and what does not; `None` where no motion repeats.
     pub repeats: Option<Repeats>,

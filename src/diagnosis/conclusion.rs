@@ -16,8 +16,8 @@ use super::search::{Found, without_effects};
 use super::unknown::Unexplained;
 use crate::effects;
 use crate::evidence::Finding;
-use crate::identification::NoiseLevel;
 use crate::identification::fit::{Estimate, Fit, FitError};
+use crate::identification::{Dataset, NoiseLevel};
 use crate::model::Model;
 
 /// Share of the explainable error left by the named effects above which an unknown effect is concluded.
@@ -149,6 +149,8 @@ impl Conclusion {
             left,
             repeats,
             too_few: found.all.too_few,
+            is_work_spent: !self.not_tried.is_empty() && judge.fitting.is_work_spent(),
+            smoothing: datasets.iter().filter_map(Dataset::smoothing).reduce(f64::max),
             not_tried: self.not_tried,
             unexplained: self.unexplained,
             sampling_lag: found.sampling_lag,

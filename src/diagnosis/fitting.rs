@@ -146,10 +146,20 @@ impl<'a> Fitting<'a> {
 
     /// Share of the permitted time or work that has passed, the larger one.
     fn passed(&self) -> f64 {
+        (self.clock)().max(self.worked())
+    }
+
+    /// Share of the permitted work that is done.
+    fn worked(&self) -> f64 {
         let fitting = self.work().fitting;
         let passes = fitting.regressions as f64 + PREDICTION * fitting.predictions as f64;
         let axes = self.datasets.first().map_or(1, |dataset| dataset.mechanism.axes());
-        (self.clock)().max(axes as f64 * passes / MOST_PASSES)
+        axes as f64 * passes / MOST_PASSES
+    }
+
+    /// Whether the work, and not the time, ends the search.
+    pub fn is_work_spent(&self) -> bool {
+        self.worked() > (self.clock)()
     }
 
     /// Goes on unless the clock has stopped the diagnosis.

@@ -253,6 +253,12 @@ impl Dataset {
         self.half_width.iter().any(|m| *m > MIN_HALF_WIDTH && *m as f64 * self.dt > RESOLVED) || self.dt > SLOW
     }
 
+    /// Time over which the angles are smoothed, s, of the axis with the coarsest ones, where that hides reversals.
+    pub fn smoothing(&self) -> Option<f64> {
+        let widest = self.half_width.iter().max().map(|m| (2 * m + 1) as f64 * self.dt);
+        widest.filter(|_| self.blurs_reversals())
+    }
+
     /// Time from sample `k − 1` to sample `k`, s: the sampling period, unless the times say otherwise.
     pub fn step(&self, k: usize) -> f64 {
         match k.checked_sub(1) {

@@ -29,6 +29,7 @@ pub fn json(d: &Diagnosis, model: Option<&Path>, scenario: Option<&Path>) -> Val
     object.insert("unseen_parameters".into(), json!(d.unseen_parameters));
     object.insert("not_testable".into(), not_testable(d));
     object.insert("not_tried".into(), json!(d.not_tried));
+    object.insert("smoothing".into(), json!(d.smoothing));
     object.insert("too_few".into(), json!(d.too_few.map(|few| json!({"rows": few.rows, "needed": few.needed}))));
     object.insert("sampling_lag".into(), json!(d.sampling_lag));
     object.insert("next_experiment".into(), d.next_experiment.as_ref().map_or(Value::Null, |e| next(e, scenario)));

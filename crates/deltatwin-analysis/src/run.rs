@@ -157,7 +157,7 @@ pub fn run(
     let zeros = data.zeros.clone();
     let cut = [(Stage::Identify, is_cut.into_inner()), (Stage::Diagnose, !diagnosis.not_tried.is_empty())];
     let cut: Vec<Stage> = cut.into_iter().filter(|(_, is_cut)| *is_cut).map(|(stage, _)| stage).collect();
-    warnings.extend(cut_short(&cut, &diagnosis.not_tried));
+    warnings.extend(cut_short(&cut, &diagnosis));
     Ok(Analysis { gate, zeros, warnings, delivered, identification, identified, cut, diagnosis })
 }
 
@@ -165,13 +165,14 @@ pub fn run(
 const LAST_FIT: f64 = 0.3;
 
 /// Warning about stages that ended before they were done; `None` if all did.
-fn cut_short(cut: &[Stage], not_tried: &[String]) -> Option<String> {
+fn cut_short(cut: &[Stage], diagnosis: &Diagnosis) -> Option<String> {
+    let ended = crate::sentence::ended(diagnosis);
     let what = |stage: &Stage| match stage {
-        Stage::Diagnose => format!("diagnose, which did not try {}", not_tried.join(", ")),
+        Stage::Diagnose => format!("diagnose, which did not try {}", diagnosis.not_tried.join(", ")),
         other => format!("{other}, which has the best parameters so far"),
     };
     let cut: Vec<String> = cut.iter().map(what).collect();
-    (!cut.is_empty()).then(|| format!("the time was up; cut short: {}", cut.join("; ")))
+    (!cut.is_empty()).then(|| format!("{ended}; cut short: {}", cut.join("; ")))
 }
 
 /// Fit of `model` with the default options, and the errors that it leaves.

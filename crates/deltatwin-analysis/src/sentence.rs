@@ -18,8 +18,8 @@ pub fn verdict(d: &Diagnosis) -> String {
         (Verdict::Unknown, _) => {
             format!("Something is missing that no known effect explains, next to {}", all(&effects))
         }
-        (Verdict::Undecided, 0) => "Undecided: the time was up before it was clear what is missing".to_string(),
-        (Verdict::Undecided, _) => format!("Undecided: the time was up; found until then: {}", all(&effects)),
+        (Verdict::Undecided, 0) => format!("Undecided: {} before it was clear what is missing", ended(d)),
+        (Verdict::Undecided, _) => format!("Undecided: {}; found until then: {}", ended(d), all(&effects)),
     };
     let left = much(d);
     if let Some(few) = d.too_few {
@@ -38,6 +38,11 @@ pub fn verdict(d: &Diagnosis) -> String {
             format!("{sentence} The search was cut short: {step} and {} more were not tried.", others.len())
         }
     }
+}
+
+/// What ended the search.
+pub(crate) fn ended(d: &Diagnosis) -> &'static str {
+    if d.is_work_spent { "the work of a diagnosis was spent" } else { "the time was up" }
 }
 
 /// What is clear, and what the data do not distinguish.
@@ -102,5 +107,11 @@ fn much(d: &Diagnosis) -> String {
         1 => String::new(),
         n => format!(" and more than 1.15 times on {} other{}", n - 1, if n == 2 { "" } else { "s" }),
     };
-    format!("{} times the noise is left on {}{others}", significant(*ratio, 2), worst.title(d.model.mechanism))
+    let coarse = d.smoothing.map_or_else(String::new, |time| {
+        format!(
+            " (angles so coarse that they are smoothed over {} ms hide reversals, a part of it)",
+            significant(1e3 * time, 2)
+        )
+    });
+    format!("{} times the noise is left on {}{others}{coarse}", significant(*ratio, 2), worst.title(d.model.mechanism))
 }

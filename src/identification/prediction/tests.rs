@@ -366,3 +366,48 @@ fn a_frame_of_25_hz_is_followed_at_any_sampling_rate() {
         }
     }
 }
+
+/// Kept columns give the same predictions and columns, for the model that they were computed with, for others with the same laws,
+/// and for effects that change the motion, for which they do not hold.
+#[test]
+fn kept_columns_change_nothing() {
+    let at = |k: usize| {
+        let wave = |i: usize, n: i32| (9.0 + 2.0 * i as f64).powi(n) * 0.3;
+        let phase = |i: usize| (9.0 + 2.0 * i as f64) * k as f64 * DT;
+        JointState {
+            q: std::array::from_fn(|i| wave(i, 0) * phase(i).sin()),
+            qd: std::array::from_fn(|i| wave(i, 1) * phase(i).cos()),
+            qdd: std::array::from_fn(|i| -wave(i, 2) * phase(i).sin()),
+        }
+    };
+    let setup = Setup { payload: crate::machine::Payload::new(1.5, [0.01, 0.0, -0.05], 0.01), ..Setup::default() };
+    let dataset = dataset((0..1500).map(at).collect(), setup);
+    let kept = KeptColumns::new(&dataset);
+    let effects: [&[&str]; 5] = [
+        &[],
+        &["drive_stribeck"],
+        &["base_tilt", "signal_delay"],
+        &["joint_zero_offset"],
+        &["ball_socket_load_dependent", "torque_gain_error"],
+    ];
+    for (k, added) in effects.iter().enumerate() {
+        let mut model = irb360();
+        model.bodies[0].tensor[(1, 1)] *= 1.0 + 0.1 * k as f64;
+        for name in *added {
+            model.effects.push(ActiveEffect::absent(find(name).unwrap()).at_nominal_size());
+        }
+        let plant = dataset.plant(&model);
+        let laws = kept.laws(&plant).unwrap();
+        let (with, columns) = prediction_and_columns(&plant, &dataset, laws.clone()).unwrap();
+        let (without, expected) = prediction_and_columns(&plant, &dataset, Laws::default()).unwrap();
+        let close = |a: &[Vec<f64>], b: &[Vec<f64>]| {
+            let size = rms(b.iter().flatten().copied()).max(1e-9);
+            let error = rms(a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| a - b));
+            assert!(a.len() == b.len() && error < 1e-9 * size, "{added:?}: {error:e} of {size:e}");
+        };
+        close(&with, &without);
+        close(&predict_knowing(&plant, &dataset, &laws).unwrap(), &without);
+        assert_eq!(columns.len(), expected.len());
+        columns.iter().zip(&expected).for_each(|(a, b)| close(a, b));
+    }
+}

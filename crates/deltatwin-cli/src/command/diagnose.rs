@@ -53,8 +53,8 @@ pub struct Args {
     /// Show all candidates with their p-values, the error budget and the parameters that moved.
     #[arg(short, long)]
     pub verbose: bool,
-    /// Time after which the best answer so far is given, with what was not tried; by default what two idle cores do in 15 s for
-    /// every 50 000 samples of all recordings, and not less than 30 s. Ctrl-C ends it, too. Exit status 1 if the question was
+    /// Time after which the best answer so far is given, with what was not tried; by default 500 s of computing
+    /// time for every 100 000 samples of all recordings, and not less than 500 s; the work is bounded, too. Ctrl-C ends it, too. Exit status 1 if the question was
     /// not answered until then.
     #[arg(long, value_name = "SECONDS", value_parser = positive)]
     pub time_limit: Option<f64>,

@@ -141,8 +141,8 @@ fn next(d: &Diagnosis, args: &Args) -> miette::Result<()> {
         (None, [one]) if d.verdict == Verdict::Effect => {
             commands.push(words("add", &[model.clone(), one.name.clone()], &args.data, &["-o", "better.toml"]));
         }
-        (None, []) if d.verdict == Verdict::Undecided => {
-            let longer = args.time_limit.map_or(120.0, |limit| 4.0 * limit).to_string();
+        (None, []) if d.verdict == Verdict::Undecided && args.time_limit.is_some() => {
+            let longer = args.time_limit.map_or(0.0, |limit| 4.0 * limit).to_string();
             commands.push(again(&["--time-limit", &longer]));
         }
         (None, _) if d.verdict != Verdict::None => commands.push(again(&["-o", "better.toml"])),
