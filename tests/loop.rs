@@ -1,9 +1,9 @@
 //! Round trips through the twin: long runs, identification, diagnosis.
 
-use deltatwin::diagnosis::{Verdict, diagnose};
+use deltatwin::diagnosis::{Diagnosis, Verdict, diagnose};
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
-use deltatwin::identification::{Dataset, fit};
+use deltatwin::identification::{Dataset, Residuals, fit};
 use deltatwin::machine::Setup;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
@@ -102,13 +102,31 @@ fn hidden_socket_friction_is_named_and_taken_back_by_its_own_parameter() {
     let (recording, _) = run(&robot, 4, 10.0, true);
     let (held_out, _) = run(&robot, 14, 8.0, true);
     let nominal = model("irb360-6-1600");
-    let d = diagnose(&nominal, &[Dataset::new(&recording)], &[Dataset::new(&held_out)], &mut |_| {}).unwrap();
+    let (fitted, judging) = ([Dataset::new(&recording)], [Dataset::new(&held_out)]);
+    let d = diagnose(&nominal, &fitted, &judging, &mut |_| {}).unwrap();
     assert_eq!(d.verdict, Verdict::Effect, "{:?}", d.effects);
     assert_eq!(d.effects[0].name, "ball_socket_coulomb");
+    explained_alone(&d, &fitted);
     let p = &d.effects[0].parameters[0];
     assert!((p.value - 0.3).abs() < 4.0 * p.std + 0.003, "{} ± {}", p.value, p.std);
     for (after, floor) in d.rms_after.iter().zip(&d.noise_floor) {
         assert!(*after < 1.1 * floor, "{:?} {:?}", d.rms_after, d.noise_floor);
+    }
+}
+
+/// On the fitted recordings every candidate explains something, the true one nearly all that a refit with it explains, and
+/// none more than that.
+fn explained_alone(d: &Diagnosis, fitted: &[Dataset]) {
+    let noise = fitted[0].noise(&d.alone.before);
+    let energy = |left: &Residuals| left.rms.iter().zip(&noise).map(|(r, n)| (r / n).powi(2)).sum::<f64>();
+    let (before, with) = d.alone.residuals(fitted).unwrap();
+    let refitted = energy(&before) - energy(&Residuals::new(&d.model, fitted).unwrap());
+    assert!(with.len() >= 6 && with[0].0 == "ball_socket_coulomb", "{}", with.len());
+    for (name, left) in &with {
+        let share = (energy(&before) - energy(left)) / refitted;
+        println!("{name:<30} {share:.4}");
+        assert!((-1e-6..1.001).contains(&share), "{name}: {share}");
+        assert!(*name != "ball_socket_coulomb" || share > 0.9, "{share}");
     }
 }
 

@@ -177,9 +177,10 @@ def test_any_signal_is_drawn_over_any_other_by_keyboard(report: Any) -> None:
 def test_the_chosen_time_says_what_is_in_it(report: Any) -> None:
     report.get_by_role("button", name="what is here?").press("Enter")
     here = report.get_by_role("region", name="what is in the chosen time")
+    table = here.locator("table").first
 
     def shares() -> list[float]:
-        return [float(text.split(",")[-1].strip(" \u00a0%")) for text in here.locator("td").all_inner_texts()]
+        return [float(text.split(",")[-1].strip(" \u00a0%")) for text in table.locator("td").all_inner_texts()]
 
     # All of the error lies in the whole recording; parts next to each other have all of it together.
     assert set(shares()) == {100.0}
@@ -193,10 +194,46 @@ def test_the_chosen_time_says_what_is_in_it(report: Any) -> None:
     assert all(abs(p + q - 100.0) < 1.0 for p, q in zip(*parts, strict=True)), parts
     assert any(abs(p - 30.0) > 3.0 for p in parts[0]), parts
     # Every stage shown has a column.
-    columns = here.locator("thead th").count()
+    columns = table.locator("thead th").count()
     press(report, "main", "identified")
-    sync_api.expect(here.locator("thead th")).to_have_count(columns - 1)
+    sync_api.expect(table.locator("thead th")).to_have_count(columns - 1)
     look(report, "what is here?")
+
+
+def test_the_chosen_time_says_which_effect_explains_it(report: Any, example: Path) -> None:
+    result = json.loads((example / "run" / "result.json").read_text())
+    found = [effect["name"] for effect in result["stages"]["diagnose"]["effects"]]
+    report.get_by_role("button", name="what is here?").press("Enter")
+    rows = report.locator("table.explained tbody tr")
+
+    def explained() -> dict[str, float]:
+        """Share over all channels by row, %."""
+        cells = [(row.locator("th").inner_text(), row.locator("td").first.inner_text()) for row in rows.all()]
+        return {name: float(text.replace("−", "-").strip(" \u00a0%")) for name, text in cells}
+
+    whole = explained()
+    candidates = {name: share for name, share in whole.items() if name in {c["name"] for c in result["stages"]["diagnose"]["candidates"]}}
+    assert 4 <= len(candidates) <= 8
+    # Over the whole recording the effect found is the best explanation, and with the noise it is all of the residual.
+    assert max(candidates, key=candidates.__getitem__) in found
+    refitted = next(share for name, share in whole.items() if name.endswith("all refitted"))
+    assert abs(refitted + whole["noise"] - 100.0) < 5.0, whole
+    # In parts of the recording the shares differ, and their mean weighted by the squares is the whole.
+    first, width, bins = report.evaluate("(e => [e.first, e.width, e.samples.length])(deltatwin.living()[0].header.explained)")
+    parts = []
+    for a, b in [(0, bins // 4), (bins // 4, bins)]:
+        report.evaluate("([a, b]) => deltatwin.living()[0].show(a, b)", [first + a * width, first + b * width])
+        expected = report.evaluate("ends => ends.map(deltatwin.digits).join(' to ')", [first + a * width, first + b * width])
+        sync_api.expect(report.locator(".here h3")).to_contain_text(expected)
+        weight = report.evaluate(
+            "([a, b]) => deltatwin.living()[0].header.explained.before.flatMap(c => c.slice(a, b)).reduce((x, y) => x + y)", [a, b]
+        )
+        parts.append((weight, explained()))
+    total = sum(weight for weight, _ in parts)
+    for name, share in whole.items():
+        mean = sum(weight * part[name] for weight, part in parts) / total
+        assert abs(mean - share) < 0.2, (name, mean, share)
+    assert any(abs(parts[0][1][name] - parts[1][1][name]) > 1.0 for name in candidates)
 
 
 def test_the_robot_follows_the_cursor_and_is_turned_by_keys(report: Any) -> None:
@@ -340,5 +377,48 @@ def test_a_remedy_belongs_to_its_recording_and_is_undone(
     without.press("Enter")
     sync_api.expect(without).to_have_count(0)
     assert own[0].read_text() == files[0].read_text()
+    assert not said
+    page.context.close()
+
+
+def test_a_machine_is_watched_until_its_stream_ends(
+    browser: Any, studio: str, example: Path, tmp_path: Path
+) -> None:
+    if subprocess.run([PROGRAM, "watch", "--help"], capture_output=True, check=False).returncode != 0:
+        pytest.skip(f"{PROGRAM} is built without the watch (cargo build -p deltatwin-cli --features full)")
+    page, said = opened(browser, studio, bypass_csp=True)
+    page.get_by_label("files", exact=True).set_input_files([example / "run" / "model.toml"])
+    sync_api.expect(page.locator("#panel .row").filter(has_text="model.toml")).to_be_visible()
+    page.locator("#steps").get_by_role("button", name="Watch").click()
+    sync_api.expect(page.locator("#panel").get_by_role("button", name="Watch", exact=True)).to_be_disabled()
+    look(page, "watch, before")
+    # A file that grows while the page looks: sixteen seconds of the machine as it is, then with another drive.
+    lines = (example / "example" / "second.csv").read_text().splitlines(keepends=True)
+    growing, half = tmp_path / "growing.csv", 4 * len(lines) // 5
+    growing.write_text("".join(lines[:half]))
+    shutil.copy(example / "example" / "second.setup.toml", tmp_path / "growing.setup.toml")
+    page.get_by_label("file that grows").fill(str(growing))
+    page.get_by_label("healthy seconds").fill("8")
+    page.get_by_label("ends after seconds").fill("8")
+    press(page, "#panel", "Watch")
+    verdict = page.locator(".watch [role=status]")
+    sync_api.expect(verdict).to_contain_text("The machine is as it was")
+    assert page.locator(".watch .plot").count() >= 2 and page.locator(".watch .plot .keys").count() == page.locator(".watch .plot").count()
+    torque = lines[0].strip().split(",").index("tau1")
+    with growing.open("a") as file:
+        for line in lines[half:]:
+            cells = line.strip().split(",")
+            cells[torque] = str(float(cells[torque]) + 1.5)
+            file.write(",".join(cells) + "\n")
+    sync_api.expect(verdict).to_contain_text("The machine has changed since about")
+    sync_api.expect(verdict).to_contain_text("The stream has ended")
+    sync_api.expect(page.locator("#panel").get_by_role("button", name="End the watch")).to_be_disabled()
+    sync_api.expect(page.locator("#panel .command code")).to_contain_text("deltatwin watch models/model.toml")
+    look(page, "watch, at the end")
+    tabbed(page)
+    # A watch that cannot begin says why.
+    page.get_by_label("file that grows").fill(str(tmp_path / "nothing.csv"))
+    press(page, "#panel", "Watch")
+    sync_api.expect(verdict).to_contain_text("nothing.csv")
     assert not said
     page.context.close()

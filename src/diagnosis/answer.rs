@@ -2,6 +2,7 @@
 
 use nalgebra::DMatrix;
 
+use super::alone::Alone;
 use super::budget::{Budget, Change};
 use super::candidates::CandidateReport;
 use super::conclusion::explained;
@@ -63,6 +64,8 @@ pub struct Diagnosis {
     pub effects: Vec<Named>,
     /// All candidates, best first.
     pub candidates: Vec<CandidateReport>,
+    /// What the best of them explain as the only addition, at every moment.
+    pub alone: Alone,
     /// Sets of effects that the data cannot distinguish.
     pub indistinguishable: Vec<Vec<String>>,
     /// Effects that the data could not reveal at their usual size.

@@ -4,6 +4,7 @@
 use std::sync::Arc;
 
 use super::DiagnosisError;
+use super::alone::Alone;
 use super::answer::{Diagnosis, Named, Verdict};
 use super::budget::{Budget, changes};
 use super::candidates;
@@ -14,7 +15,7 @@ use super::left::Left;
 use super::problem;
 use super::search::{Found, without_effects};
 use super::unknown::Unexplained;
-use crate::effects;
+use crate::effects::{self, ActiveEffect};
 use crate::evidence::Finding;
 use crate::identification::fit::{Estimate, Fit, FitError};
 use crate::identification::{Dataset, NoiseLevel};
@@ -115,11 +116,12 @@ impl Conclusion {
         found: Found,
         left: Left,
         next_experiment: Option<NextExperiment>,
-        mounted: &Model,
+        (mounted, absent): (&Model, &[Vec<ActiveEffect>]),
         judge: &Judge,
     ) -> Result<Diagnosis, DiagnosisError> {
         let budget = self.budget(&found.start, judge)?;
         let candidates = candidates::reports(&found, &self.effects, &self.indistinguishable);
+        let alone = Alone::of(&found, absent, &candidates, judge.fitting)?;
         let twin_only: Vec<String> = problem::beyond(mounted).into_iter().map(|e| e.name().into()).collect();
         let unseen = unseen(&found, &twin_only);
         let [rms_before, rms_after] = [&found.start, &self.end].map(|judged| judged.rms().to_vec());
@@ -137,6 +139,7 @@ impl Conclusion {
             rms_after,
             effects: self.effects,
             candidates,
+            alone,
             indistinguishable: self.indistinguishable,
             unseen_parameters: problem::not_excited(&found.problem, &unseen),
             unseen,

@@ -4,6 +4,7 @@
 //! outcome.
 
 mod add;
+mod alone;
 mod answer;
 pub mod budget;
 pub mod candidates;
@@ -21,6 +22,7 @@ mod search;
 pub mod unknown;
 
 pub use add::{Addition, add, add_with};
+pub use alone::Alone;
 pub use answer::{Diagnosis, Named, Verdict};
 pub use candidates::CandidateReport;
 use conclusion::Conclusion;
@@ -97,7 +99,7 @@ pub fn diagnose_with(
         conclusion.not_tried.push("the next experiment".into());
     }
     fitting.go_on()?;
-    conclusion.answer(found, left, next, &mounted, &judge)
+    conclusion.answer(found, left, next, (&mounted, &candidates), &judge)
 }
 
 fn check(datasets: &[Dataset], held_out: &[Dataset]) -> Result<(), DiagnosisError> {

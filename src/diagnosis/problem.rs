@@ -405,29 +405,45 @@ pub enum Edges {
 
 /// Restricts the parameters to directions along the active consistency constraints of a fit.
 pub fn along_edges(mut base: Vec<Owned>, fit: &Fit, edges: Edges) -> Vec<Column> {
-    match edges {
-        Edges::Together => along_edge(&mut base, &fit.edges.concat()),
-        Edges::Apart => fit.edges.iter().for_each(|edge| along_edge(&mut base, edge)),
-    }
+    restrict(&mut base, fit, edges);
     base.into_iter().map(|o| o.column).collect()
 }
 
-/// Restricts the parameters to directions along one constraint, given by its normal force per parameter.
+/// A parameter that follows others: its name, and their names with the factors of its change.
+pub type Follower = (String, Vec<(String, f64)>);
+
+/// Parameters that [`along_edges`] leaves out of `base`, in the order in which it does so.
+pub fn followers(mut base: Vec<Owned>, fit: &Fit, edges: Edges) -> Vec<Follower> {
+    restrict(&mut base, fit, edges)
+}
+
+fn restrict(base: &mut Vec<Owned>, fit: &Fit, edges: Edges) -> Vec<Follower> {
+    match edges {
+        Edges::Together => along_edge(base, &fit.edges.concat()).into_iter().collect(),
+        Edges::Apart => fit.edges.iter().filter_map(|edge| along_edge(base, edge)).collect(),
+    }
+}
+
+/// Restricts the parameters to directions along one constraint, given by its normal force per parameter. Returns the
+/// parameter that follows the others.
 ///
 /// With the normal force n, a step d along the constraint has n·d = 0: the parameter with the largest force depends
 /// on the others, d_k = −Σ n_j/n_k·d_j, and its column is added to theirs.
-fn along_edge(base: &mut Vec<Owned>, edge: &[(Param, f64)]) {
+fn along_edge(base: &mut Vec<Owned>, edge: &[(Param, f64)]) -> Option<Follower> {
     let pull = |o: &Owned| edge.iter().find(|(param, _)| *param == o.param).map_or(0.0, |(_, n)| *n);
     let weight = |o: &Owned| (pull(o) * o.column.magnitude).abs();
     let most = (0..base.len()).max_by(|&a, &b| weight(&base[a]).total_cmp(&weight(&base[b])));
-    let Some(k) = most.filter(|&k| weight(&base[k]) > 0.0) else { return };
+    let k = most.filter(|&k| weight(&base[k]) > 0.0)?;
     let fixed = base.remove(k);
+    let mut factors = Vec::new();
     for o in base.iter_mut() {
         let share = pull(o) / pull(&fixed);
         if share != 0.0 {
             o.column.values.iter_mut().zip(&fixed.column.values).for_each(|(x, h)| *x -= share * h);
+            factors.push((o.column.name.clone(), -share));
         }
     }
+    Some((fixed.column.name, factors))
 }
 
 /// Root mean square; NaN without values.

@@ -43,6 +43,8 @@ pub(super) struct Found {
     pub all: Ranking,
     /// The original problem.
     pub problem: Problem,
+    /// How its parameters are restricted by consistency constraints.
+    pub edges: Edges,
     /// Settings of the selection.
     pub settings: Settings,
     /// Delay of the torques, s.
@@ -261,6 +263,7 @@ impl<'a> Search<'a> {
             all: self.all.unwrap_or_else(|| outcome.remaining.clone()),
             outcome,
             problem: self.problem,
+            edges: self.edges,
             settings: self.settings,
             sampling_lag,
             not_tried,

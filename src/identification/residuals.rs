@@ -84,6 +84,14 @@ impl Residuals {
         self.series.iter().zip(&other.series).map(of).collect::<Vec<_>>().into()
     }
 
+    /// These residuals times a factor.
+    pub fn times(&self, factor: f64) -> Self {
+        let of = |recording: &Channels| -> Channels {
+            recording.iter().map(|series| series.iter().map(|r| factor * r).collect()).collect()
+        };
+        self.series.iter().map(of).collect::<Vec<_>>().into()
+    }
+
     /// Residuals restricted to the samples `kept` of each recording.
     ///
     /// # Panics
@@ -134,6 +142,7 @@ mod tests {
         assert_eq!(residuals.rms, [18f64.sqrt(), (1.0 / 3.0f64).sqrt()]);
         assert_eq!(residuals.channel(0), [3.0, 3.0, 6.0]);
         assert_eq!(residuals.at(&[vec![0], vec![]]).rms, [3.0, 1.0]);
+        assert_eq!(residuals.times(-2.0).channel(0), [-6.0, -6.0, -12.0]);
         assert_eq!((rms(&[]), difference(&[2.0, 5.0], &[1.5])), (0.0, vec![0.5]));
     }
 }

@@ -7,13 +7,13 @@ use crate::run::Analysis;
 use deltatwin::comparison::Comparison;
 use deltatwin::diagnosis::{Addition, Diagnosis, Verdict};
 use deltatwin::gate::Finding;
-use deltatwin::identification::{Dataset, Estimate, FitError};
+use deltatwin::identification::{Dataset, Estimate, FitError, Residuals};
 use deltatwin::model::Model;
 use deltatwin::recording::Channel;
 use deltatwin::text::significant;
 use deltatwin_report::component::errors::Errors;
 use deltatwin_report::component::parameters::Parameters;
-use deltatwin_report::component::signals::Signals;
+use deltatwin_report::component::signals::{Addition as Added, Alternatives, Signals};
 use deltatwin_report::component::{candidates, errors, origin, parameters, signals};
 use deltatwin_report::drawing::residual::Stage;
 use deltatwin_report::{Callout, ErrorGroup, Figure, Report, Role, drawing, falling_error};
@@ -63,7 +63,7 @@ pub fn of_run(a: &Analysis, model: &Model, data: &Data, origin: &Origin) -> Resu
         &Errors { mechanism: d.model.mechanism, channels: &d.channels, stages, noise_floor: &d.noise_floor, held_out },
     );
     warnings(&mut page, &[&origin.warnings[..], &a.warnings].concat(), &a.gate);
-    residuals(&mut page, &models, data, &d.noise_floor)?;
+    diagnosed_residuals(&mut page, &models, data, d)?;
     findings(&mut page, &a.identified, "Where the identified model fails");
     diagnosed(&mut page, d);
     page.anchored("parameters", "Parameters");
@@ -125,7 +125,7 @@ pub fn of_comparison(
     let mut models = vec![Stage { role: Role::Nominal, name: "model", model }];
     let mut stages: Vec<(Role, &str, &[f64])> = vec![(Role::Nominal, "model", rms)];
     let judged = if held_out { &data.held_out } else { &data.datasets };
-    let other = beside.map(|(_, other)| deltatwin::identification::Residuals::new(other, judged)).transpose()?;
+    let other = beside.map(|(_, other)| Residuals::new(other, judged)).transpose()?;
     if let Some(((name, other), left)) = beside.zip(other.as_ref()) {
         models.push(Stage { role: Role::Added, name, model: other });
         stages.push((Role::Added, name, &left.rms));
@@ -196,7 +196,7 @@ pub fn of_diagnosis(d: &Diagnosis, model: &Model, data: &Data, origin: &Origin) 
         &Errors { mechanism: d.model.mechanism, channels: &d.channels, stages, noise_floor: &d.noise_floor, held_out },
     );
     warnings(&mut page, &origin.warnings, &[]);
-    residuals(&mut page, &models, data, &d.noise_floor)?;
+    diagnosed_residuals(&mut page, &models, data, d)?;
     diagnosed(&mut page, d);
     page.anchored("parameters", "Parameters");
     let estimates: [(Role, &str, &[Estimate]); 2] =
@@ -315,10 +315,36 @@ fn warnings(page: &mut Report, warnings: &[String], gate: &[Finding]) {
 /// # Errors
 /// If a model cannot follow the recording.
 pub fn residuals(page: &mut Report, stages: &[Stage], data: &Data, noise: &[f64]) -> Result<(), FitError> {
-    let Some(dataset) = data.held_out.last().or(data.datasets.last()) else { return Ok(()) };
+    let Some(dataset) = shown(data) else { return Ok(()) };
     page.anchored("residuals", &format!("What is left of {}", dataset.name));
     signals::add(page, &Signals::of(stages, dataset, noise)?);
     Ok(())
+}
+
+/// Adds curves as [`residuals`], with what the best candidates of a diagnosis explain of them in any range of time.
+///
+/// # Errors
+/// If a model cannot follow the recording.
+pub fn diagnosed_residuals(page: &mut Report, stages: &[Stage], data: &Data, d: &Diagnosis) -> Result<(), FitError> {
+    let Some(dataset) = shown(data) else { return Ok(()) };
+    let own = std::slice::from_ref(dataset);
+    let of = |mut residuals: Residuals| residuals.series.pop().unwrap_or_default();
+    let (before, alone) = d.alone.residuals(own)?;
+    let mut with = Vec::new();
+    if !d.effects.is_empty() {
+        let name = d.effects.iter().map(|e| e.name.as_str()).collect::<Vec<_>>().join(" + ");
+        with.push(Added { name, refitted: true, left: of(Residuals::new(&d.model, own)?) });
+    }
+    with.extend(alone.into_iter().map(|(name, left)| Added { name: name.into(), refitted: false, left: of(left) }));
+    let by = Alternatives { before: of(before), with };
+    page.anchored("residuals", &format!("What is left of {}", dataset.name));
+    signals::add(page, &Signals::of(stages, dataset, &d.noise_floor)?.explained(&by, dataset, &d.noise_floor));
+    Ok(())
+}
+
+/// The recording whose curves a page shows.
+fn shown(data: &Data) -> Option<&Dataset> {
+    data.held_out.last().or(data.datasets.last())
 }
 
 /// Adds a comparison's sentences about where a model fails.

@@ -225,7 +225,7 @@ var deltatwin = (() => {
         element(steps, "button", { type: "button", "aria-label": label, title: label }, text).onclick = act;
       if (this.channels.length > 1) {
         const choice = element(panels, "div", { class: "choice", role: "group", "aria-label": "channels" });
-        this.channels.forEach((c, k) => this.toggle(choice, c.name, () => this.visible[k], on => { this.visible[k] = on; this.rebuild(); }));
+        this.channels.forEach((c, k) => this.toggle(choice, c.name, () => this.visible[k], on => { this.visible[k] = on; this.rebuild(); this.drawHere(); }));
       }
       this.over = element(panels, "div", { class: "plot overview" });
       this.here = element(panels, "div", { class: "here", role: "region", "aria-label": "what is in the chosen time", hidden: "" });
@@ -544,6 +544,40 @@ var deltatwin = (() => {
         const rms = Math.sqrt(energy(k, s, first, last) / count), ratio = c.noise > 0 ? ` = ${digits(+(rms / c.noise).toPrecision(3))}\u00a0×\u00a0noise` : "";
         return `${digits(+rms.toPrecision(3))} ${c.unit}${ratio}, ${percent(energy(k, s, first, last) / energy(k, s, 0, n))}`;
       }));
+      if (this.header.explained) this.drawExplained();
+    }
+
+    // Share of the squares of the residual in the window that every candidate takes away, over whole bins of time; for all
+    // channels squares in units of the noise.
+    drawExplained() {
+      const e = this.header.explained, bins = e.samples.length;
+      const a = Math.min(Math.max(0, Math.floor((this.window[0] - e.first) / e.width + 1e-6)), bins - 1);
+      const b = Math.min(Math.max(a + 1, Math.ceil((this.window[1] - e.first) / e.width - 1e-6)), bins);
+      const sum = values => values.slice(a, b).reduce((x, y) => x + y, 0), samples = sum(e.samples);
+      const noisy = this.channels.map((_, c) => c).filter(c => this.channels[c].noise > 0), total = sums => noisy.reduce((x, c) => x + sum(sums[c]), 0);
+      const columns = this.channels.map((c, k) => [c.name, sums => sum(sums[k]), c.noise > 0 ? 1 : 0]).filter((_, k) => this.visible[k]);
+      if (noisy.length > 1) columns.unshift(["all", total, noisy.length]);
+      const share = x => isFinite(x) ? `${(Math.round(1000 * x) / 10 + 0).toFixed(1).replace("-", "−")}\u00a0%` : "–";
+      const rows = e.names.map((name, k) => ({ name, refitted: e.refitted[k], shares: columns.map(([, of]) => 1 - of(e.after[k]) / of(e.before)) }));
+      rows.sort((x, y) => y.refitted - x.refitted || y.shares[0] - x.shares[0]);
+      element(this.here, "h3", {}, `What explains the residual from ${digits(e.first + a * e.width)} to ${digits(e.first + b * e.width)} s`);
+      element(this.here, "p", { class: "small" },
+        "Share of the squared residual of the identified model that disappears with each of the best candidates as the only addition; below zero it grows. Amplitudes are those of the diagnosis, from all fitted recordings, to first order. Of pure noise nothing disappears: its share is in the last row.");
+      const wide = element(this.here, "div", { class: "wide", tabindex: "0", role: "group", "aria-label": "candidates in the chosen time" });
+      const table = element(wide, "table", { class: "cards explained" }), head = element(element(table, "thead"), "tr"), body = element(table, "tbody");
+      for (const text of ["candidate", ...columns.map(([name]) => name)]) element(head, "th", {}, text);
+      const row = (name, cells) => {
+        const tr = element(body, "tr"), th = element(tr, "th", { scope: "row" });
+        th.append(...name);
+        cells.forEach((text, k) => element(tr, "td", { "data-label": columns[k][0] }, text));
+      };
+      for (const { name, refitted, shares } of rows) {
+        const code = document.createElement("code");
+        // A long name may be broken after its underscores.
+        name.split(/(?<=_)/).forEach((part, k) => code.append(...(k ? [document.createElement("wbr"), part] : [part])));
+        row([code, refitted ? " added, all refitted" : ""], shares.map(share));
+      }
+      row(["noise"], columns.map(([, of, count]) => count ? share(Math.min(1, samples * count / of(e.before))) : "–"));
     }
 
     // -- over the motion and frequency
@@ -996,6 +1030,6 @@ var deltatwin = (() => {
   const paper = on => () => { document.documentElement.classList.toggle("paper", on); living().forEach(s => s.recolor()); };
   addEventListener("beforeprint", paper(true));
   addEventListener("afterprint", paper(false));
-  return { mount, element, digits, keys, living };
+  return { mount, element, digits, keys, living, chart, axis, css };
 })();
 if (!document.documentElement.dataset.studio) deltatwin.mount(document);

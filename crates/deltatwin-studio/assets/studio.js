@@ -2,10 +2,10 @@
 // from the server.
 "use strict";
 (() => {
-  const { element, digits, keys } = deltatwin;
+  const { element, digits, keys, chart, axis, css } = deltatwin;
   const token = new URLSearchParams(location.search).get("token") || "";
   const $ = id => document.getElementById(id);
-  const STEPS = [["data", "Data"], ["check", "Check"], ["fit", "Fit"], ["where", "Where"], ["why", "Why"], ["add", "Add"], ["next", "Next"], ["save", "Save"]];
+  const STEPS = [["data", "Data"], ["check", "Check"], ["fit", "Fit"], ["where", "Where"], ["why", "Why"], ["add", "Add"], ["next", "Next"], ["save", "Save"], ["watch", "Watch"]];
   const UNITS = ["", "s", "ms", "us", "rad", "deg", "rev", "rad/s", "deg/s", "rpm", "m", "mm", "Nm", "Nmm", "N", "A", "mA"];
   const CHANNELS = ["", "t", "q1", "q2", "q3", "q4", "tau1", "tau2", "tau3", "tau4", "qd1", "qd2", "qd3", "qd4"];
   let state = null, step = location.hash.slice(1) || "data", shown = "", columns = 0, follow = [];
@@ -81,6 +81,7 @@
       const i = element(b, "i", { "aria-hidden": "true" }), r = result(name === "next" ? "why" : name);
       if (name === "data") i.className = state.session.recordings.length && current() !== null ? "good" : "";
       else if (name === "save") i.className = state.saved ? "good" : "";
+      else if (name === "watch") i.className = { healthy: "good", changed: "bad" }[watched.verdict?.state] || "";
       else if (name === "next") i.className = r?.next ? "good" : "";
       else if (r) i.className = !r.good ? "bad" : r.version !== current() && name !== "check" ? "late" : "good";
       b.append(title);
@@ -152,7 +153,7 @@
             for (const p of seen) {
               const tr = element(body, "tr");
               element(tr, "td", {}, p.name);
-              element(tr, "td", {}, `${p.before === null ? "new:" : `${digits(p.before)} →`} ${digits(p.after)} ${p.unit}`);
+              element(tr, "td", {}, `${p.before === null ? "new:" : `${digits(p.before)} →`} ${digits(p.after)}${p.unit === "1" ? "" : ` ${p.unit}`}`);
             }
           } catch (error) { say(error.message); }
         };
@@ -280,7 +281,7 @@
       s.recordings.forEach((r, k) => {
         const row = element(box, "div", { class: "row" });
         element(row, "b", {}, r.file.replace("data/", ""));
-        element(row, "span", { class: "grow small" }, r.held_out ? "held out: the fit does not see it, it judges the model" : "fit: the parameters are fitted to it");
+        element(row, "span", { class: "grow small" }, (r.held_out ? "held out: the fit does not see it, it judges the model" : "fit: the parameters are fitted to it") + (r.payload_mass !== null ? `; payload ${digits(r.payload_mass)} kg` : ""));
         const use = element(row, "button", { type: "button" }, r.held_out ? "use to fit" : "hold out");
         use.onclick = () => act({ do: "hold_out", recording: k });
         const look = element(row, "button", { type: "button", "aria-pressed": k === columns }, "show columns");
@@ -330,10 +331,10 @@
         const card = element(box, "div", { class: `remedy${remedy.severe ? " severe" : ""}` });
         element(card, "p", {}, remedy.sentence);
         if (remedy.kind === "words") { element(card, "p", { class: "small" }, `Remedy: ${remedy.text}`); continue; }
-        const option = remedy.kind === "map" ? `--map "${remedy.text}"` : `--payload-mass ${remedy.text}`;
+        const option = remedy.kind === "map" ? `--map "${remedy.text}"` : `payload of ${remedy.text} kg`;
         element(card, "p").append(Object.assign(document.createElement("code"), { textContent: option }));
         // One click cures everything that one mapping names.
-        const one = `${option} of ${remedy.kind === "map" ? remedy.recording : "all"}`;
+        const one = `${option} of ${remedy.recording}`;
         if (map.has(one)) { element(card, "p", { class: "small" }, "is part of the remedy above"); continue; }
         map.add(one);
         const b = element(card, "button", { type: "button" }, "apply and check again");
@@ -341,7 +342,7 @@
         b.onclick = () => {
           follow = [{ do: "check" }];
           if (remedy.kind === "map") act({ do: "remedy", recording: remedy.recording, map: remedy.text });
-          else act({ do: "read", how: { ...state.session.how, payload_mass: +remedy.text } });
+          else act({ do: "weigh", recording: remedy.recording, mass: +remedy.text });
         };
       }
       if (!r.good) {
@@ -418,6 +419,175 @@
     },
   };
 
+  // ---- a machine that runs -------------------------------------------------------------------------------------------
+
+  // What was heard of the watch so far: a column per chart's curve.
+  const watched = { next: 0, command: "", verdict: null, remarks: [], status: null, channels: [], healthy: null, learned: null, t: [], over: [], level: [], margins: { t: [], least: [] }, where: "" };
+  // Seconds that the charts show at most, and pause between two looks, ms.
+  const SHOWN = 3600, LOOK = 500;
+  const fields = { follow: "", mqtt: "", topic: "", learn: "60", idle: "10", healthy: "" };
+
+  function hear(answer) {
+    // A new watch counts from zero.
+    if (answer.command !== watched.command) Object.assign(watched, { command: answer.command, channels: [], healthy: null, learned: null, t: [], over: [], level: [], margins: { t: [], least: [] }, where: "" });
+    for (const { topic, answer: a } of answer.answers) {
+      if (topic === "residual") {
+        watched.channels = a.channels;
+        watched.healthy = a.healthy_rms;
+        watched.learned = a.learned || null;
+        watched.t.push(a.t[1]);
+        watched.over.push(a.healthy_rms ? a.rms.map((r, c) => r / a.healthy_rms[c]) : a.channels.map(() => null));
+        watched.level.push(a.level ?? null);
+      } else if (topic === "margins" && a.weakest) {
+        watched.margins.t.push(a.t);
+        watched.margins.least.push(a.weakest.margin);
+        watched.where = a.weakest.socket;
+      }
+    }
+    for (const list of [watched.t, watched.over, watched.level, watched.margins.t, watched.margins.least]) if (list.length > SHOWN) list.splice(0, list.length - SHOWN);
+    for (const key of ["next", "verdict", "remarks", "status"]) watched[key] = answer[key];
+  }
+
+  // Asks for what is new and draws it while the watch goes on and its panel is shown.
+  async function listenTo(view) {
+    for (;;) {
+      let answer;
+      try { answer = await ask(`/api/watch?from=${watched.next}`); } catch (error) { say(error.message); return; }
+      if (!view.box.isConnected) return;
+      if (answer.command) {
+        if (answer.command !== watched.command && watched.next) { watched.next = 0; watched.command = ""; continue; }
+        hear(answer);
+        view.draw();
+        steps();
+        if (answer.status !== null && !answer.answers.length) return;
+        if (answer.answers.length > 100) continue;
+      } else return;
+      await new Promise(done => setTimeout(done, LOOK));
+    }
+  }
+
+  function sentence() {
+    const v = watched.verdict, ended = watched.status !== null;
+    if (!v) return ended ? ["bad", `The watch could not begin: ${watched.remarks.join(" ") || "no reason is known"}`] : ["note", "Waiting for the first second of samples."];
+    const end = ended ? "The stream has ended. " : "", highest = `highest level ${digits(v.highest_level)} of the alarm’s`;
+    if (v.state === "learning") return [ended ? "warning" : "note", end + (watched.learned ? `Learning the healthy residual: ${watched.learned[0].toFixed(0)} of ${watched.learned[1].toFixed(0)} s.` : "Learning the healthy residual.")];
+    if (v.state === "healthy") return ["good", `${end}The machine is as it was: ${highest}; a healthy machine raises at most ${digits(v.false_alarms_per_hour)} false alarms per hour.`];
+    return ["bad", `${end}The machine has changed since about ${digits(v.alarm.onset)} s: ${v.alarm.statistic}; ${highest}.`];
+  }
+
+  // What has changed, in words.
+  function causes(box) {
+    const cause = watched.verdict?.cause;
+    if (!cause) return;
+    const list = element(box, "ul");
+    for (const effect of cause.effects || []) {
+      const item = element(list, "li");
+      element(item, "code", {}, effect.name);
+      const parameters = Object.entries(effect.parameters).map(([name, p]) => p.before ? `${name} ${digits(p.before)} → ${digits(p.after)} ${p.unit}` : `${name} ${digits(p.after)} ${p.unit}`);
+      item.append(` ${effect.kind === "new" ? "is new" : "has changed"}: ${parameters.join(", ")}`);
+      if (effect.indistinguishable.length) item.append(`; or ${effect.indistinguishable.join(", ")}, which these data do not distinguish`);
+    }
+    if (cause.problem) element(list, "li", {}, `no cause yet: ${cause.problem}`);
+    else if (!cause.effects?.length) element(list, "li", {}, "no effect of the library has changed");
+    else element(list, "li", {}, `together ${(100 * cause.explained).toFixed(0)} % of the error above the noise, on held-out data`);
+  }
+
+  class WatchView {
+    constructor(box) {
+      this.box = element(box, "div", { class: "watch" });
+      this.verdict = element(this.box, "div", { role: "status" });
+      this.cause = element(this.box, "div");
+      this.plots = element(this.box, "div");
+      this.line = element(this.box, "div");
+      this.remarks = element(this.box, "details", { hidden: "" });
+      this.charts = [];
+    }
+    // Charts of the channels that there are.
+    build() {
+      this.built = watched.channels.join();
+      this.plots.replaceChildren();
+      const line = (stroke, dash) => ({ stroke: () => css(stroke), width: 1.5, dash, points: { show: false } }), limit = color => line(color, [6, 4]);
+      const colors = watched.channels.map((_, c) => `--axis-${c % 4 + 1}`);
+      const one = (title, unit, entries, series, data) => {
+        const plot = element(this.plots, "div", { class: "plot", role: "img", "aria-label": `${title} over time` });
+        element(plot, "h3", {}, title);
+        keys(plot, entries);
+        return { ...chart(plot, { height: 170, cursor: { show: false }, scales: { x: { time: false }, y: { range: (u, low, high) => [Math.min(0, low ?? 0), Math.max(1.2, 1.08 * (high ?? 1))] } }, axes: [axis("t / s", 28), axis(unit, 62)], series: [{}, ...series] }, data()), data };
+      };
+      const t = () => watched.t, ones = () => watched.t.map(() => 1);
+      this.charts = [
+        one("Residual over its healthy value", "× healthy", [...watched.channels.map((name, c) => [name, colors[c]]), ["healthy", "--noise"]], [...colors.map(color => line(color)), limit("--noise")],
+          () => [t(), ...watched.channels.map((_, c) => watched.over.map(row => row[c] ?? null)), ones()]),
+        one("Level of the alarm: above 1 the machine has changed", "level", [["level", "--measured"], ["alarm", "--bad"]], [line("--measured"), limit("--bad")], () => [t(), watched.level, ones()]),
+      ];
+      if (watched.margins.t.length) this.charts.push(one("Least margin of the ball sockets", "N", [["margin", "--measured"], ["the socket leaves its ball", "--bad"]], [line("--measured"), limit("--bad")],
+        () => [watched.margins.t, watched.margins.least, watched.margins.t.map(() => 0)]));
+    }
+    draw() {
+      const [kind, text] = sentence();
+      if (this.verdict.textContent !== text) { this.verdict.className = `callout ${kind}`; this.verdict.textContent = text; }
+      const cause = JSON.stringify(watched.verdict?.cause);
+      if (this.known !== cause) { this.known = cause; this.cause.replaceChildren(); causes(this.cause); }
+      if (!this.line.children.length || this.of !== watched.command) { this.of = watched.command; this.line.replaceChildren(); command(this.line, watched.command); }
+      this.remarks.hidden = !watched.remarks.length;
+      if (this.said !== watched.remarks.length) {
+        this.said = watched.remarks.length;
+        this.remarks.replaceChildren();
+        element(this.remarks, "summary", { class: "small" }, "remarks of the watch");
+        for (const remark of watched.remarks) element(this.remarks, "p", { class: "small" }, remark);
+      }
+      if (!watched.t.length) return;
+      if (this.built !== watched.channels.join() || (watched.margins.t.length > 0) !== (this.charts.length > 2)) this.build();
+      else for (const c of this.charts) c.u.setData(c.data());
+      this.end?.(watched.status !== null);
+    }
+    resize() { for (const c of this.charts) c.u.setSize({ width: c.width(), height: c.u.height }); }
+    recolor() { for (const c of this.charts) c.u.redraw(false); }
+  }
+  let watching = null;
+  addEventListener("resize", () => watching?.box.isConnected && watching.resize());
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => watching?.box.isConnected && watching.recolor());
+
+  panels.watch = box => {
+    element(box, "p", {}, "Compares a machine that runs with the model in use, second by second: residual against its healthy value, an alarm when it is no longer that of the healthy machine, what has changed since, and the margins of the ball sockets.");
+    const form = element(box, "div", { class: "fields" });
+    const field = (label, key, attributes) => {
+      const input = element(element(form, "label", {}, `${label} `), "input", { type: "text", spellcheck: "false", autocomplete: "off", ...attributes });
+      input.value = fields[key];
+      input.oninput = () => { fields[key] = input.value; ready(); };
+      return input;
+    };
+    field("file that grows (CSV, MCAP)", "follow", { placeholder: "/data/growing.csv" });
+    field("or broker", "mqtt", { placeholder: "mqtt://127.0.0.1:1883" });
+    field("its topic", "topic", { placeholder: "robot/joints" });
+    const healthy = element(element(form, "label", {}, "healthy: "), "select");
+    element(healthy, "option", { value: "" }, "the first seconds");
+    for (const r of state.session.recordings) element(healthy, "option", { value: r.file }, r.file.replace("data/", ""));
+    healthy.value = fields.healthy;
+    if (healthy.selectedIndex < 0) healthy.value = fields.healthy = "";
+    const learn = field("healthy seconds", "learn", { type: "number", min: "1", step: "any" });
+    healthy.onchange = () => { fields.healthy = healthy.value; ready(); };
+    field("ends after seconds without samples", "idle", { type: "number", min: "1", step: "any" });
+    const row = element(box, "p"), go = element(row, "button", { type: "button", class: "go" }, "Watch"), stop = element(row, "button", { type: "button", class: "file" }, "End the watch");
+    const runs = () => watched.command && watched.status === null;
+    const ready = () => {
+      learn.disabled = fields.healthy !== "";
+      go.disabled = runs() || current() === null || !(fields.follow.trim() || (fields.mqtt.trim() && fields.topic.trim()));
+      stop.disabled = !runs();
+    };
+    if (current() === null) element(box, "p", { class: "small" }, "Choose a model first (Data).");
+    const view = watching = new WatchView(box);
+    view.end = ready;
+    go.onclick = async () => {
+      if (!await act({ do: "watch", ...fields, learn: +fields.learn || null, idle: +fields.idle || null })) return;
+      Object.assign(watched, { next: 0, command: "" });
+      if (view.box.isConnected) listenTo(view);
+    };
+    stop.onclick = () => act({ do: "unwatch" });
+    ready();
+    listenTo(view);
+  };
+
   // ---- a law that is typed -------------------------------------------------------------------------------------------
 
   // What was typed and chosen last, which stays when the panel is drawn again.
@@ -489,20 +659,20 @@
     if (c.warnings.length) { const d = element(box, "details"); element(d, "summary", { class: "small" }, c.warnings.length === 1 ? "1 remark of the reader" : `${c.warnings.length} remarks of the reader`); const ul = element(d, "ul", { class: "small" }); for (const w of c.warnings) element(ul, "li", {}, w); }
     const wide = element(box, "div", { class: "wide", tabindex: "0", role: "group", "aria-label": "columns" }), table = element(wide, "table", { class: "map" });
     const head = element(element(table, "thead"), "tr");
-    for (const text of c.table ? ["column", "signal", "first", "is", "unit", "flip sign"] : ["channel", "signal"]) element(head, "th", {}, text);
+    for (const text of c.table ? ["column", "signal", "first", "is", "unit", "opposite sign"] : ["channel", "signal"]) element(head, "th", {}, text);
     const body = element(table, "tbody"), rows = [];
     for (const column of c.columns) {
       const tr = element(body, "tr");
       element(tr, "td").append(Object.assign(document.createElement("code"), { textContent: column.name }));
       spark(element(element(tr, "td"), "canvas", { role: "img", "aria-label": `signal ${column.name}` }), column.stretches);
       if (!c.table) continue;
-      element(tr, "td", { class: "small" }, column.first.join(", "));
+      element(tr, "td", { class: "small" }, column.first.map(x => x !== "" && isFinite(x) ? digits(+x) : x).join(", "));
       const is = element(element(tr, "td"), "select", { "aria-label": `channel of ${column.name}` });
       for (const name of CHANNELS.includes(column.channel) || !column.channel ? CHANNELS : [...CHANNELS, column.channel]) element(is, "option", { value: name }, name || "–");
       is.value = column.channel || "";
       const unit = element(element(tr, "td"), "select", { "aria-label": `unit of ${column.name}` });
       for (const name of UNITS) element(unit, "option", { value: name }, name || "as named");
-      const turned = element(element(tr, "td"), "input", { type: "checkbox", "aria-label": `flip the sign of ${column.name}` });
+      const turned = element(element(tr, "td"), "input", { type: "checkbox", "aria-label": `opposite sign of ${column.name}` });
       rows.push({ column, is, unit, turned });
     }
     let apply = null;
@@ -524,7 +694,7 @@
         b.onclick = () => act({ do: "read", how: { ...how, maps: how.maps.filter((_, i) => i !== k) } });
       });
     }
-    apply = element(element(box, "p"), "button", { type: "button", class: "go" }, "Apply");
+    apply = element(element(box, "p"), "button", { type: "button", class: "go" }, "Read the recordings this way");
     apply.disabled = busy();
     apply.onclick = () => {
       const quote = name => name.includes("'") ? `"${name}"` : `'${name}'`;
@@ -538,7 +708,7 @@
     };
   }
   function spark(canvas, stretches) {
-    const ratio = devicePixelRatio || 1, w = 180, h = 34;
+    const ratio = devicePixelRatio || 1, w = 150, h = 34;
     canvas.width = w * ratio; canvas.height = h * ratio;
     const ctx = canvas.getContext("2d"), known = stretches.filter(s => s);
     ctx.scale(ratio, ratio);

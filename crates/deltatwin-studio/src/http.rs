@@ -152,6 +152,10 @@ impl Desk {
             }
             ("GET", "/api/columns") => result(view::columns(&self.studio, number(query, "recording"))),
             ("GET", "/api/difference") => result(view::difference(&self.studio, number(query, "version"))),
+            ("GET", "/api/watch") => {
+                let heard = self.studio.lock().live.as_ref().map(|live| live.json(number(query, "from")));
+                result(Ok(heard.unwrap_or_default()))
+            }
             ("GET", "/api/stage") => self.stage(&parameter(query, "name")),
             ("GET", "/api/file") => self.file(&parameter(query, "name")),
             ("POST", "/api/do") => result(self.act(request)),

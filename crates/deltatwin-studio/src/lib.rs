@@ -7,6 +7,7 @@
 mod claim;
 mod http;
 mod job;
+mod live;
 mod server;
 mod session;
 mod stage;

@@ -3,11 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use deltatwin::machine::Setup;
 use deltatwin_analysis::Inputs;
 use deltatwin_analysis::folder::{Input, sha256};
 use deltatwin_io::file::replace_text;
-use deltatwin_io::recording::Mapping;
 use deltatwin_io::recording::setup::{self, Sidecar};
+use deltatwin_io::recording::{self, Mapping, Reading};
 use deltatwin_report::Role;
 use miette::{IntoDiagnostic, WrapErr, miette};
 use serde::{Deserialize, Serialize};
@@ -93,14 +94,44 @@ impl Recording {
         if beside.is_file() { Ok(Sidecar::read(&beside).into_diagnostic()?.maps) } else { Ok(Vec::new()) }
     }
 
+    /// Mass of the payload that its sidecar in `folder` states, kg; `None` if it states no setup.
+    ///
+    /// # Errors
+    /// If the sidecar cannot be read.
+    pub fn payload_mass(&self, folder: &Path) -> miette::Result<Option<f64>> {
+        let beside = setup::sidecar(&folder.join(&self.file));
+        if !beside.is_file() {
+            return Ok(None);
+        }
+        Ok(Sidecar::read(&beside).into_diagnostic()?.setup.map(|s| s.payload.mass))
+    }
+
     /// Sets the `maps` of its sidecar in `folder`; a sidecar that then says nothing is removed.
     ///
     /// # Errors
     /// If the sidecar cannot be read or written.
     pub fn set_maps(&self, folder: &Path, maps: &[Mapping]) -> miette::Result<()> {
+        self.rewrite(folder, |text, name| setup::with_maps(text, maps, name).into_diagnostic())
+    }
+
+    /// Sets the mass of the payload, kg, in its sidecar in `folder`. Where the sidecar states no setup, it gets that of the
+    /// recording, read as `how` says.
+    ///
+    /// # Errors
+    /// If the recording or its sidecar cannot be read, or the sidecar not written.
+    pub fn set_payload_mass(&self, folder: &Path, how: &Reading, mass: f64) -> miette::Result<()> {
+        let own = match self.payload_mass(folder)? {
+            Some(_) => Setup::default(),
+            None => recording::read_as(&folder.join(&self.file), how).into_diagnostic()?.0.setup,
+        };
+        self.rewrite(folder, |text, name| setup::with_payload_mass(text, &own, mass, name).into_diagnostic())
+    }
+
+    /// Writes its sidecar in `folder` with the text that `change` makes of the present one, empty without one.
+    fn rewrite(&self, folder: &Path, change: impl FnOnce(&str, &str) -> miette::Result<String>) -> miette::Result<()> {
         let beside = setup::sidecar(&folder.join(&self.file));
         let text = if beside.is_file() { std::fs::read_to_string(&beside).into_diagnostic()? } else { String::new() };
-        let text = setup::with_maps(&text, maps, &beside.display().to_string()).into_diagnostic()?;
+        let text = change(&text, &beside.display().to_string())?;
         match text.trim().is_empty() {
             true if beside.is_file() => std::fs::remove_file(&beside).into_diagnostic(),
             true => Ok(()),
@@ -217,7 +248,7 @@ pub struct Remedy {
     pub kind: String,
     /// Text of the option, or advice.
     pub text: String,
-    /// File of the recording, to whose sidecar a `map` is added.
+    /// File of the recording, in whose sidecar a `map` or the mass is set.
     #[serde(default)]
     pub recording: String,
 }
@@ -431,6 +462,27 @@ impl Session {
         Ok(())
     }
 
+    /// Sets the mass of the payload, kg, of recording `index` in its sidecar in `folder`.
+    ///
+    /// A mass that holds for all recordings is moved into all sidecars before.
+    ///
+    /// # Errors
+    /// If there is no such recording or the mass is negative; as [`Recording::set_payload_mass`].
+    pub fn weigh(&mut self, folder: &Path, index: Option<usize>, mass: f64) -> miette::Result<()> {
+        let index = self.position(index)?;
+        if !(mass >= 0.0 && mass.is_finite()) {
+            return Err(miette!("the mass of a payload is {mass} kg; expected at least 0"));
+        }
+        let inputs = self.inputs(folder)?;
+        let how = inputs.reading(None);
+        for (k, recording) in self.recordings.iter().enumerate() {
+            let own = if k == index { Some(mass) } else { self.how.payload_mass };
+            own.map_or(Ok(()), |own| recording.set_payload_mass(folder, &how, own))?;
+        }
+        self.how.payload_mass = None;
+        Ok(())
+    }
+
     /// File of the result of `stage` as a part of a page; a result of an earlier program has the name of the stage.
     pub fn part(&self, folder: &Path, stage: &str) -> Option<PathBuf> {
         self.stages.get(stage)?;
@@ -524,6 +576,32 @@ mod tests {
                 .to_string()
                 .contains("not one of them")
         );
+    }
+
+    #[test]
+    fn the_payload_of_a_remedy_belongs_to_its_recording() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("data")).unwrap();
+        let mut session = Session::default();
+        for name in ["a", "b", "c"] {
+            session.add(format!("data/{name}.csv"));
+            let stated = "[payload]\nmass = 1.5 # kg\ncom = [0.0, 0.0, -0.1]\n";
+            std::fs::write(folder.path().join(format!("data/{name}.setup.toml")), stated).unwrap();
+        }
+        let of = |session: &Session| -> Vec<Option<f64>> {
+            session.recordings.iter().map(|r| r.payload_mass(folder.path()).unwrap()).collect()
+        };
+        session.weigh(folder.path(), Some(1), 2.5).unwrap();
+        assert_eq!((of(&session), session.how.payload_mass), (vec![Some(1.5), Some(2.5), Some(1.5)], None));
+        // What was stated for all recordings stays so for the others.
+        session.how.payload_mass = Some(4.0);
+        session.weigh(folder.path(), Some(0), 3.0).unwrap();
+        assert_eq!((of(&session), session.how.payload_mass), (vec![Some(3.0), Some(4.0), Some(4.0)], None));
+        let text = std::fs::read_to_string(folder.path().join("data/a.setup.toml")).unwrap();
+        assert!(text.contains("com = [0.0, 0.0, -0.1]"), "{text}");
+        for (index, mass) in [(3, 1.0), (0, -1.0)] {
+            assert!(session.weigh(folder.path(), Some(index), mass).is_err());
+        }
     }
 
     #[test]

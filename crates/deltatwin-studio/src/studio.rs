@@ -18,6 +18,7 @@ use serde_json::Value;
 
 use crate::claim::Claim;
 use crate::job::Job;
+use crate::live::Live;
 use crate::session::{How, Session, private};
 use crate::stage::{self, Outcome};
 use crate::upload::{self, Kept};
@@ -41,6 +42,8 @@ pub(crate) struct Inner {
     pub term: Option<usize>,
     /// What the viewer shows, once something was asked for.
     pub shown: Option<Shown>,
+    /// The machine that is watched, or was last.
+    pub live: Option<Live>,
     data: Option<Loaded>,
 }
 
@@ -89,8 +92,16 @@ impl Studio {
         let claim = Claim::take(&folder)?;
         let session = Session::read(&folder)?;
         upload::clean(&folder);
-        let inner =
-            Inner { session, job: None, revision: 1, message: String::new(), term: None, shown: None, data: None };
+        let inner = Inner {
+            session,
+            job: None,
+            revision: 1,
+            message: String::new(),
+            term: None,
+            shown: None,
+            live: None,
+            data: None,
+        };
         Ok(Self { folder, claim, inner: Mutex::new(inner) })
     }
 
@@ -216,6 +227,12 @@ impl Studio {
                 })?;
                 s.changed(&self.folder)
             }),
+            "weigh" => self.idle()?.change(|s| {
+                let own = s.recordings.iter().position(|r| r.file == text("recording"));
+                let mass = request["mass"].as_f64().ok_or_else(|| miette!("the mass is missing"))?;
+                s.weigh(&self.folder, own, mass)?;
+                s.changed(&self.folder)
+            }),
             "without" => self.idle()?.change(|s| {
                 s.remap(&self.folder, index("recording"), |maps| {
                     let k = index("map")
@@ -250,6 +267,11 @@ impl Studio {
                 let (recording, studio) = (index("recording"), self.clone());
                 self.start("view", move |task, _| studio.show(task, recording))
             }
+            "watch" => self.watch(request),
+            "unwatch" => {
+                self.lock().live.iter().for_each(Live::stop);
+                Ok(())
+            }
             "save" => {
                 let session = self.lock().session.clone();
                 crate::view::save(&self.folder, &session)?;
@@ -258,6 +280,44 @@ impl Studio {
             }
             other => Err(miette!("nothing is called `{other}`")),
         }
+    }
+
+    /// Watches a machine that runs with the model in use: a file that grows, or a topic of a broker.
+    fn watch(&self, request: &Value) -> miette::Result<()> {
+        let text = |key: &str| request[key].as_str().unwrap_or_default().trim();
+        let mut inner = self.lock();
+        if inner.live.as_ref().is_some_and(Live::is_running) {
+            return Err(miette!("a machine is being watched; end that first"));
+        }
+        let session = &inner.session;
+        let model = session.current.map(|k| session.versions[k].file.clone());
+        let mut words = vec!["watch".into(), model.ok_or_else(|| miette!("choose a model first"))?];
+        // The setup of what is watched stands beside the file, or is that of the healthy recording.
+        let mut beside = None;
+        match (text("follow"), text("mqtt"), text("topic")) {
+            ("", "", _) => return Err(miette!("name the file that grows, or the broker and its topic")),
+            ("", _, "") => return Err(miette!("the topic of the samples is missing")),
+            ("", address, topic) => words.extend([format!("--mqtt={address}"), format!("--topic={topic}")]),
+            (file, ..) => {
+                let file = std::path::absolute(file).into_diagnostic()?;
+                words.push(format!("--follow={}", file.display()));
+                beside = Some(setup::sidecar(&file)).filter(|beside| beside.is_file());
+            }
+        }
+        match session.recordings.iter().find(|r| r.file == text("healthy")) {
+            Some(recording) => {
+                words.push(format!("--healthy={}", recording.file));
+                let own = recording.payload_mass(&self.folder)?.map(|_| setup::sidecar(Path::new(&recording.file)));
+                beside = beside.or(own);
+            }
+            None => words.extend(request["learn"].as_f64().map(|seconds| format!("--learn={seconds}"))),
+        }
+        words.extend(beside.map(|file| format!("--setup={}", file.display())));
+        words.extend(request["idle"].as_f64().map(|seconds| format!("--idle={seconds}")));
+        let program = std::env::current_exe().into_diagnostic()?;
+        inner.live = Some(Live::start(&program, &self.folder, &words)?);
+        inner.revision += 1;
+        Ok(())
     }
 
     /// Writes the file of the viewer: a recording, the last one that is held out unless another is asked for, with the

@@ -38,6 +38,7 @@ pub(crate) fn state(studio: &Studio) -> Value {
         // A sidecar that cannot be read is reported where the recording is read.
         let maps = own.maps(studio.folder()).unwrap_or_default();
         recording["maps"] = maps.iter().map(Mapping::to_string).collect();
+        recording["payload_mass"] = json!(own.payload_mass(studio.folder()).ok().flatten());
     }
     json!({
         "revision": inner.revision,

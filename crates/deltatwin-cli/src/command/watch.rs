@@ -7,6 +7,8 @@ mod tape;
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use miette::{IntoDiagnostic, miette};
@@ -87,6 +89,17 @@ pub struct Args {
     /// One JSON object on stdout, at the end.
     #[arg(long)]
     pub json: bool,
+    /// Every answer as a line of JSON on stdout as it comes, {"topic": …, "answer": …}, for another program: the watch ends
+    /// with its standard input.
+    #[arg(long, conflicts_with = "json")]
+    pub answers: bool,
+}
+
+impl Args {
+    /// Whether stdout has JSON and no text.
+    fn is_for_machines(&self) -> bool {
+        self.json || self.answers
+    }
 }
 
 /// Longest healthy time that the cause is compared with, s.
@@ -115,12 +128,13 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let mut watch = Watch::new(args, &model, setup)?;
     catch_interrupt()?;
     let mut source = Source::open(args, &model)?;
-    if !args.json {
+    if !args.is_for_machines() {
         say(format!("Watching {}; Ctrl-C ends it with the verdict", source.name()))?;
     }
+    let input_ended = if args.answers { end_of_input() } else { Arc::default() };
     loop {
         let arrival = source.next(PAUSE)?;
-        let has_ended = matches!(arrival, Arrival::End) || interrupted();
+        let has_ended = matches!(arrival, Arrival::End) || interrupted() || input_ended.load(Ordering::Relaxed);
         watch.arrived(arrival, &source)?;
         if has_ended {
             break;
@@ -129,6 +143,17 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let status = watch.end(&source)?;
     source.close()?;
     Ok(if interrupted() { INTERRUPTED } else { status })
+}
+
+/// Set once standard input has ended: the program that reads the answers is done with them, or gone.
+fn end_of_input() -> Arc<AtomicBool> {
+    let ended = Arc::<AtomicBool>::default();
+    let set = ended.clone();
+    std::thread::spawn(move || {
+        let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
+        set.store(true, Ordering::Relaxed);
+    });
+    ended
 }
 
 /// A watch in progress.

@@ -182,6 +182,25 @@ pub fn with_maps(text: &str, maps: &[Mapping], name: &str) -> Result<String, Rea
     Ok(document.to_string())
 }
 
+/// The text of a sidecar with the payload's `mass`, kg; comments and everything else stay. A sidecar that states no setup gets
+/// the whole `setup` with this mass.
+///
+/// # Errors
+/// The first error in the text, with its position; `name` stands for it.
+pub fn with_payload_mass(text: &str, setup: &Setup, mass: f64, name: &str) -> Result<String, ReadError> {
+    let own = Sidecar::from_toml(text, name)?;
+    let broken = |e: toml_edit::TomlError| ReadError::content(Path::new(name), e.to_string(), "a setup in TOML");
+    let mut document: toml_edit::DocumentMut = text.parse().map_err(broken)?;
+    if own.setup.is_none() {
+        let whole: toml_edit::DocumentMut = to_toml(setup).parse().map_err(broken)?;
+        for (key, item) in whole.iter() {
+            document[key] = item.clone();
+        }
+    }
+    document["payload"]["mass"] = toml_edit::value(mass);
+    Ok(document.to_string())
+}
+
 /// The machine that `arms`, or `joint` and `effort` describe; `None` without them.
 fn machine(source: &Source, document: &Document) -> Checked<Option<Mechanism>> {
     let refused = |key: &str, value: &Spanned<String>, expected: &str| {
@@ -318,6 +337,24 @@ mod tests {
 
     fn refused(text: &str) -> String {
         from_toml(text, "run.setup.toml").unwrap_err().to_string()
+    }
+
+    #[test]
+    fn the_mass_of_a_payload_is_set_and_everything_else_stays() {
+        let text = "maps = [\"tau1=-tau1\"]\n[payload]\nmass = 1.0 # weighed\ncom = [0.0, 0.0, -0.1]\n";
+        let changed = with_payload_mass(text, &Setup::default(), 2.5, "run.setup.toml").unwrap();
+        let read = Sidecar::from_toml(&changed, "run.setup.toml").unwrap();
+        let payload = read.setup.unwrap().payload;
+        assert_eq!((payload.mass, payload.com.z, read.maps.len()), (2.5, -0.1, 1));
+        // Of a sidecar that only says how the recording is read, and of none.
+        let disassembled = Setup { configuration: Configuration::Disassembled, ..Setup::default() };
+        for text in ["maps = [\"tau1=-tau1\"]\n[columns]\nq1 = \"a\"\n", ""] {
+            let changed = with_payload_mass(text, &disassembled, 2.5, "run.setup.toml").unwrap();
+            let read = Sidecar::from_toml(&changed, "run.setup.toml").unwrap();
+            let setup = read.setup.unwrap();
+            assert_eq!((setup.payload.mass, setup.configuration), (2.5, Configuration::Disassembled), "{changed}");
+            assert_eq!(read.columns.is_empty(), text.is_empty());
+        }
     }
 
     #[test]

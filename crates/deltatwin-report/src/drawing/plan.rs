@@ -25,7 +25,7 @@ fn limit(t: &[f64], value: f64, label: &str) -> Vec<Line> {
 pub fn path(curve: &Curve) -> Figure {
     let s: Vec<f64> = (0..=400).map(|k| curve.end() * f64::from(k) / 400.0).collect();
     let of = |i: usize| -> Vec<f64> { s.iter().map(|s| curve.at(*s)[0][i]).collect() };
-    let line = |i: usize| vec![Line::new("", s.clone(), of(i)).color(Color::BLUE)];
+    let line = |i: usize| vec![Line::new("planned", s.clone(), of(i)).color(Color::BLUE)];
     panels(
         "Path",
         "s",
@@ -43,8 +43,10 @@ pub fn speed(plan: &Plan) -> Figure {
         "s",
         "ṡ² / s⁻²",
         &[
-            Line::new("maximum velocity curve", plan.mvc.iter().map(|p| p[0]).collect(), mvc).color(Color::VERMILION),
-            Line::new("plan", s, z).color(Color::BLUE),
+            Line::new("maximum velocity curve", plan.mvc.iter().map(|p| p[0]).collect(), mvc)
+                .color(Color::MUTED)
+                .style(Style::Dashed),
+            Line::new("planned", s, z).color(Color::BLUE),
         ],
     )
 }
@@ -57,6 +59,7 @@ pub fn drives(plan: &Plan, limits: &Limits, axes: usize) -> Figure {
             let k = (0..deltatwin::planner::verify::CHECKED).find(|&k| checked(k) == kind(axis)).unwrap_or_default();
             let of = plan.uses.iter().map(|u| if signed { u.ratio[k].copysign(u.value[k]) } else { u.ratio[k] });
             Line::new(format!("axis {}", axis + 1), s.clone(), of.collect())
+                .color(Color::AXES[axis % Color::AXES.len()])
         });
         curves.chain(limit(&s, 1.0, "limit")).collect()
     };
@@ -91,7 +94,7 @@ pub fn execution(planned: &Recording, execution: &Execution) -> [Figure; 3] {
     let pair = |a: (Vec<f64>, Vec<f64>), b: (Vec<f64>, Vec<f64>)| {
         vec![
             Line::new("planned", a.0, a.1).color(Color::BLUE),
-            Line::new("executed", b.0, b.1).color(Color::VERMILION).style(Style::Dashed),
+            Line::new("executed", b.0, b.1).color(Color::MEASURED).style(Style::Dashed),
         ]
     };
     let tau = |s: &Signals, i: usize| (s.t.clone(), s[Channel::Torque(i)].to_vec());

@@ -7,9 +7,9 @@ use deltatwin::machine::Unit;
 /// Force as a function of the variable it depends on most, with its simultaneous 95 % band.
 pub fn shape(shape: &Shape, title: &str, unit: Unit) -> Figure {
     let curve = |label: &str, y: &[f64]| Curve::new(label, shape.x.clone(), y.to_vec());
-    let band = Color::CYCLE[1];
+    let band = Color::MUTED;
     let curves = [
-        curve("mean of what acts", &shape.mean).color(Color::CYCLE[0]),
+        curve("mean of what acts", &shape.mean).color(Color::MEASURED),
         curve("simultaneous 95 % band", &shape.low).color(band).style(Style::Dashed),
         curve("", &shape.high).color(band).style(Style::Dashed),
     ];

@@ -33,6 +33,15 @@ impl Color {
     pub const MUTED: Color = Color(0x9a, 0xa3, 0xad);
     /// Dark grey, for the noise.
     pub const NOISE: Color = QUIET;
+    /// Dark green, for what is right or safe; unlike [`Color::GREEN`] not of a model.
+    pub const GOOD: Color = Color(0x3d, 0x7a, 0x1f);
+    /// Brown, for what is doubtful.
+    pub const DOUBTFUL: Color = Color(0x8a, 0x5d, 0x00);
+    /// Dark red, for what is wrong or breaks; unlike [`Color::VERMILION`] not of a model.
+    pub const BAD: Color = Color(0xb8, 0x32, 0x27);
+    /// The axes of a machine in order; a fifth has the first again.
+    pub const AXES: [Color; 4] =
+        [Color(0x7a, 0x5c, 0xc4), Color(0x94, 0x62, 0x00), Color(0x3f, 0x7f, 0x88), Color(0xb0, 0x57, 0x8a)];
 
     /// Relative luminance after WCAG 2.2.
     fn luminance(self) -> f64 {
@@ -115,7 +124,7 @@ const fn shade(name: &'static str, paper: Color, light: u32, dark: u32) -> Shade
     Shade { name, paper, light: rgb(light), dark: rgb(dark) }
 }
 
-const SHADES: [Shade; 9] = [
+const SHADES: [Shade; 16] = [
     shade("measured", Color::MEASURED, 0x3b_3b3b, 0xaa_b2ba),
     shade("nominal", Color::VERMILION, 0xc6_5500, 0xf2_8a3c),
     shade("identified", Color::BLUE, 0x00_72b2, 0x57_b0ea),
@@ -125,6 +134,13 @@ const SHADES: [Shade; 9] = [
     shade("ochre", Color::OCHRE, 0xa0_6f00, 0xe6_b53c),
     shade("sky", Color::SKY, 0x32_86bb, 0x8f_d0f5),
     shade("muted", Color::MUTED, 0x73_7c86, 0x8f_99a3),
+    shade("good", Color::GOOD, 0x3d_7a1f, 0x8f_ce5c),
+    shade("amber", Color::DOUBTFUL, 0x8a_5d00, 0xe0_a030),
+    shade("bad", Color::BAD, 0xb8_3227, 0xf0_776b),
+    shade("axis-1", Color::AXES[0], 0x7a_5cc4, 0xb4_9ef0),
+    shade("axis-2", Color::AXES[1], 0x94_6200, 0xd8_bd62),
+    shade("axis-3", Color::AXES[2], 0x3f_7f88, 0x8f_c3ca),
+    shade("axis-4", Color::AXES[3], 0xb0_578a, 0xe0_9cc3),
 ];
 
 /// The palette as variables of a page's style, `--measured` and so on; on a dark screen lines of pictures have them, too.

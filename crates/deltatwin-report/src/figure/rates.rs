@@ -3,6 +3,8 @@
 use super::axis::{Axis, Rect, axes, left_margin, no_data, range};
 use super::canvas::{Align, draw};
 use super::color::{Color, QUIET};
+use super::curve::Style;
+use super::legend::{Entry, Swatch, head, legend};
 use super::{Figure, RIGHT, TICK_SIZE, WIDTH};
 
 /// Share of successes in a number of trials.
@@ -26,8 +28,15 @@ pub fn rates(title: &str, x_label: &str, y_label: &str, points: &[Rate], diagona
     let extent = if diagonal { Some((0.0, 1.0)) } else { range(points.iter().map(|p| p.x)) };
     let x = extent.map(|r| Axis::linear(r, 0.03, 10));
     let y = Axis::linear((0.0, 1.0), 0.03, 6);
-    let r = Rect { x0: left_margin(y.label_width()), y0: 38.0, x1: WIDTH - RIGHT, y1: 338.0 };
+    let mut entries: Vec<Entry> =
+        vec![("share, its 95 % interval and the number of trials".into(), Color::BLUE, Swatch::Curve(Style::Points))];
+    if diagonal {
+        entries.push(("as claimed".into(), Color::MUTED, Swatch::Curve(Style::Dashed)));
+    }
+    let y0 = head(&entries);
+    let r = Rect { x0: left_margin(y.label_width()), y0, x1: WIDTH - RIGHT, y1: y0 + 300.0 };
     draw(title, r.y1 + 44.0, |c| {
+        legend(c, &entries);
         let none = Axis { hi: 1.0, ..Axis::default() };
         axes(c, r, x.as_ref().unwrap_or(&none), &y, Some(x_label), y_label);
         let Some(x) = x.filter(|_| !points.is_empty()) else { return no_data(c, r) };

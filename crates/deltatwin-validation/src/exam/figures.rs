@@ -43,7 +43,7 @@ fn confusion(score: &Score) -> Figure {
 
 /// Colour of a correct or a wrong answer.
 fn color(good: bool) -> Color {
-    if good { Color::GREEN } else { Color::VERMILION }
+    if good { Color::GOOD } else { Color::BAD }
 }
 
 /// Correct answers by effect and size.

@@ -69,8 +69,10 @@ fn tiles(page: &mut Report, score: &Score, right: Rate) {
 /// What a figure of an exam shows.
 fn caption(name: &str) -> &'static str {
     match name {
-        "confusion" => "Campaigns by what was hidden and what was named first; green is right.",
-        "effects" => "Right answers by hidden effect and its size; green where most are right.",
+        "confusion" => "Campaigns by what was hidden and what was named first; green is right, red is wrong.",
+        "effects" => {
+            "Right answers by hidden effect and its size; green where most are right, red where most are wrong."
+        }
         "power" => {
             "How large an effect must be to be found: what a refit leaves of it, in units of the noise, with 95 % intervals."
         }

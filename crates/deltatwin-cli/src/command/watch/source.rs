@@ -3,10 +3,10 @@
 use std::time::{Duration, Instant};
 
 use miette::{IntoDiagnostic, miette};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use super::Args;
-use crate::terminal::warn;
+use crate::terminal::{say, warn};
 use deltatwin::model::Model;
 use deltatwin_watch::broker::Address;
 use deltatwin_watch::follow::Follower;
@@ -41,6 +41,8 @@ pub struct Source {
     channel: Channel,
     axes: usize,
     prefix: String,
+    /// Whether answers are lines on stdout, too.
+    is_told: bool,
     name: String,
     idle: Option<Duration>,
     last: Instant,
@@ -73,6 +75,7 @@ impl Source {
             channel,
             axes,
             prefix: args.publish.clone(),
+            is_told: args.answers,
             name,
             idle,
             last: Instant::now(),
@@ -156,8 +159,11 @@ impl Source {
         self.faults
     }
 
-    /// Publishes an answer that the broker keeps; files get none.
+    /// Publishes an answer that the broker keeps, files get none; and prints it where that is asked for.
     pub fn publish(&self, topic: &str, answer: &Value) -> miette::Result<()> {
+        if self.is_told {
+            say(json!({"topic": topic, "answer": answer}))?;
+        }
         if let Channel::Broker { link, .. } = &self.channel {
             link.state(&format!("{}/{topic}", self.prefix), answer.to_string().into_bytes()).into_diagnostic()?;
         }

@@ -139,7 +139,7 @@ impl<'a> State<'a> {
                 if let Some(viewer) = &self.viewer {
                     viewer.say(self.t, &line, true);
                 }
-                if !self.args.json {
+                if !self.args.is_for_machines() {
                     say(crate::terminal::hanging(&line, "      ", "        "))?;
                 }
             }
@@ -187,7 +187,7 @@ impl<'a> State<'a> {
         });
         let verdict = self.verdict();
         source.publish("verdict", &verdict)?;
-        if self.args.json {
+        if self.args.is_for_machines() {
             return Ok(());
         }
         let state = verdict["state"].as_str().unwrap_or_default();
@@ -214,7 +214,7 @@ impl<'a> State<'a> {
         if self.args.json {
             return say(self.verdict());
         }
-        if let Some(output) = &self.args.output {
+        if let Some(output) = self.args.output.as_ref().filter(|_| !self.args.answers) {
             say(format!("  Wrote {}", output.display()))?;
             let model = self.args.model.display().to_string();
             let words = ["deltatwin", "compare", &model, &output.display().to_string()].map(String::from);
@@ -228,6 +228,6 @@ impl<'a> State<'a> {
         if let Some(viewer) = &self.viewer {
             viewer.say(self.t, what, self.alarm.is_some());
         }
-        if self.args.json { Ok(()) } else { say(format!("{:9.1} s  {what}", self.origin + self.t)) }
+        if self.args.is_for_machines() { Ok(()) } else { say(format!("{:9.1} s  {what}", self.origin + self.t)) }
     }
 }

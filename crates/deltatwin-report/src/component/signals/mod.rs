@@ -1,6 +1,7 @@
 //! Measured channels and residuals of a recording as data of the page, and the panels that show them: over time, over the
 //! motion, over frequency and over the workspace, and the robot. `assets/page.js` reads what is written here.
 
+mod explained;
 mod map;
 mod pack;
 mod places;
@@ -18,6 +19,7 @@ use serde_json::{Value, json};
 use crate::Report;
 use crate::drawing::residual::Stage;
 use crate::html::escape;
+pub use explained::{Addition, Alternatives};
 use pack::Packed;
 
 /// Largest number of samples of a page's recording; a longer one is thinned to its extremes, and the page says so.
@@ -99,6 +101,12 @@ impl Signals {
             ),
         };
         Ok(Self { header, data: packed.text(), note: format!("{note}, to 1/{STEPS} of the noise.") })
+    }
+
+    /// With what additions to a model explain in any range of time of `dataset`.
+    pub fn explained(mut self, by: &Alternatives, dataset: &Dataset, noise: &[f64]) -> Self {
+        self.header["explained"] = explained::of(by, &dataset.t, noise);
+        self
     }
 }
 

@@ -35,10 +35,10 @@ pub struct Importance {
 }
 
 const ROW: f64 = 34.0;
-const LOW: Color = Color(0x56, 0xb4, 0xe9);
-const HIGH: Color = Color::VERMILION;
-const FIRST: Color = Color::BLUE;
-const TOTAL: Color = Color(0xe6, 0x9f, 0x00);
+const LOW: Color = Color::SKY;
+const HIGH: Color = Color::OCHRE;
+const FIRST: Color = Color::MEASURED;
+const TOTAL: Color = Color::MUTED;
 
 /// Tornado diagram of `output` around its `nominal` value beside the Sobol' indices of the same factors, in the given
 /// order. A half without data is left out.

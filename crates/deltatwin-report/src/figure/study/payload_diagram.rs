@@ -85,8 +85,8 @@ pub fn payload_diagram(diagram: &PayloadDiagram) -> Figure {
 }
 
 const NOMINAL: Color = Color::BLUE;
-const LIKELY: Color = Color(0xe6, 0x9f, 0x00);
-const WORST: Color = Color::VERMILION;
+const LIKELY: Color = Color::OCHRE;
+const WORST: Color = Color::BAD;
 
 fn entries(diagram: &PayloadDiagram) -> Vec<Entry> {
     let any = |line: fn(&PayloadPanel) -> &Vec<(f64, f64)>| diagram.panels.iter().any(|p| !line(p).is_empty());
@@ -128,7 +128,7 @@ fn areas(c: &mut Canvas, frame: (Rect, &Axis, &Axis), panel: &PayloadPanel) {
         let ends = worst.last().zip(worst.first());
         let down = ends.map(|(last, first)| [(last.0, r.y1), (first.0, r.y1)]);
         let safe: Vec<(f64, f64)> = worst.iter().copied().chain(down.into_iter().flatten()).collect();
-        c.polygon(&safe, Color::GREEN, 0.20);
+        c.polygon(&safe, Color::GOOD, 0.20);
         if nominal.len() > 1 {
             let between: Vec<(f64, f64)> = nominal.iter().chain(worst.iter().rev()).copied().collect();
             c.polygon(&between, LIKELY, 0.20);

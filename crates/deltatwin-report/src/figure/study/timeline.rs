@@ -43,14 +43,13 @@ pub enum EventKind {
 
 impl EventKind {
     fn color(self) -> Color {
-        let [_, vermilion, green, pink, orange, sky, dark] = Color::CYCLE;
         match self {
-            Self::Noticed => green,
-            Self::Contact => orange,
-            Self::Opened => vermilion,
-            Self::Trip => dark,
-            Self::Landed => pink,
-            Self::Other => sky,
+            Self::Noticed => Color::GOOD,
+            Self::Contact => Color::OCHRE,
+            Self::Opened => Color::BAD,
+            Self::Trip => Color::NOISE,
+            Self::Landed => Color::PURPLE,
+            Self::Other => Color::SKY,
         }
     }
 
@@ -100,8 +99,8 @@ const GAP: f64 = 20.0;
 const LINE: f64 = 17.0;
 /// Number of usual steps from which on a step counts as a gap of the recording.
 const GAPS: f64 = 20.0;
-const LOAD: Color = Color::BLUE;
-const HOLD: Color = Color(0x00, 0x9e, 0x73);
+const LOAD: Color = Color::MEASURED;
+const HOLD: Color = Color::MUTED;
 
 /// Load of every socket against its hold over time, the whole motion and the instant of failure, with numbered events
 /// and their list.
@@ -141,7 +140,7 @@ fn entries(sockets: &[SocketTrace], events: &[&FailureEvent]) -> Vec<Entry> {
         entries.push(("force that pulls the socket off".into(), LOAD, Swatch::Curve(Style::Line)));
         entries.push(("force that holds it".into(), HOLD, Swatch::Curve(Style::Dashed)));
         if sockets.iter().any(|s| s.opened.is_some()) {
-            entries.push(("open".into(), Color::VERMILION, Swatch::Band));
+            entries.push(("open".into(), Color::BAD, Swatch::Band));
         }
     }
     for event in events {
@@ -218,7 +217,7 @@ fn panel(c: &mut Canvas, (r, x, y): (Rect, &Axis, &Axis), socket: &SocketTrace, 
     let at = |t: f64| (t - origin) * scale;
     if let Some(opened) = socket.opened.and_then(|t| r.x(x, at(t))).filter(|px| *px < r.x1) {
         let px = opened.max(r.x0);
-        c.bar((px, r.y0), (r.x1, r.y1), Color::VERMILION, 0.14);
+        c.bar((px, r.y0), (r.x1, r.y1), Color::BAD, 0.14);
         if r.x1 - px > 34.0 {
             c.write("open", (r.x1 - 5.0, r.y1 - 9.0), TICK_SIZE, TEXT, Align::Right);
         }
