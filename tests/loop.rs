@@ -114,14 +114,13 @@ fn hidden_socket_friction_is_named_and_taken_back_by_its_own_parameter() {
     }
 }
 
-/// On the fitted recordings every candidate explains something, the true one nearly all that a refit with it explains, and
-/// none more than that.
+/// On the fitted recordings candidates explain no more than a refit with the true one, and that one nearly all of it.
 fn explained_alone(d: &Diagnosis, fitted: &[Dataset]) {
     let noise = fitted[0].noise(&d.alone.before);
     let energy = |left: &Residuals| left.rms.iter().zip(&noise).map(|(r, n)| (r / n).powi(2)).sum::<f64>();
     let (before, with) = d.alone.residuals(fitted).unwrap();
     let refitted = energy(&before) - energy(&Residuals::new(&d.model, fitted).unwrap());
-    assert!(with.len() >= 6 && with[0].0 == "ball_socket_coulomb", "{}", with.len());
+    assert_eq!(with[0].0, "ball_socket_coulomb", "{} candidates", with.len());
     for (name, left) in &with {
         let share = (energy(&before) - energy(left)) / refitted;
         println!("{name:<30} {share:.4}");

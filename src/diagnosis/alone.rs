@@ -18,6 +18,9 @@ use crate::model::Model;
 
 /// Most candidates with a model of their own.
 const MOST: usize = 8;
+/// Least share of the error that a candidate explains of all fitted data: of less, the parameters that change with it explain
+/// more than the candidate does.
+const LEAST: f64 = 0.05;
 
 /// Share of a linear candidate's step at which predictions are differentiated: laws that depend on strut forces multiply a
 /// candidate with all other parameters, whose steps may be large in directions that the data do not determine.
@@ -70,7 +73,8 @@ impl Alone {
         };
         owned.retain(|o| !fitting.is_fixed(o.param));
         let followers = problem::followers(owned, &found.start.fit, found.edges);
-        let tested = reports.iter().filter(|c| !matches!(c.standing, Standing::Untestable | Standing::InModel));
+        let is_tested = |c: &&CandidateReport| !matches!(c.standing, Standing::Untestable | Standing::InModel);
+        let tested = reports.iter().filter(is_tested).filter(|c| c.explained >= LEAST);
         let changes = |of: &dyn Fn(usize) -> f64| {
             let names = found.all.base.iter().map(|b| b.name.clone()).enumerate();
             let mut changes: HashMap<String, f64> = names.map(|(k, name)| (name, of(k))).collect();

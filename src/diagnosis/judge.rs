@@ -6,7 +6,7 @@ use super::budget::Budget;
 use super::fitting::Fitting;
 use super::problem::{self, Edges};
 use crate::evidence::drift::Noise;
-use crate::evidence::{Assessment, Problem, Ranking};
+use crate::evidence::{Assessment, Column, Ranking};
 use crate::identification::fit::{Fit, FitError};
 use crate::identification::{Dataset, KeptColumns, NoiseLevel, Residuals};
 use crate::model::Model;
@@ -175,21 +175,21 @@ impl Fitting<'_> {
         let datasets = self.datasets;
         let (segments, samples) = problem::segments(datasets);
         let series = |fit: &Fit| self.residual_series(&fit.residuals);
-        let (before, mut left) = (series(without), series(with));
+        let (before, left) = (series(without), series(with));
         let mut noise = Noise::of(&left, samples, &segments, drives(datasets));
         if !noise.wanders() {
             return Ok(noise.energy(&before) - noise.energy(&left));
         }
-        let (problem, least) =
-            (self.problem(without, &[], Edges::Together)?, self.problem(with, &[], Edges::Together)?);
-        let refitted = |problem: &Problem, noise: &Noise| {
-            let columns: Vec<&[f64]> = problem.base.iter().map(|c| &*c.values).collect();
-            noise.least_squares(&problem.y, &columns)
+        let (own, least) = (self.base(without, Edges::Together)?, self.base(with, Edges::Together)?);
+        let after = left;
+        let refitted = |y: &[f64], base: &[Column], noise: &Noise| {
+            let columns: Vec<&[f64]> = base.iter().map(|c| &*c.values).collect();
+            noise.least_squares(y, &columns)
         };
         // Ordinary least squares absorb part of the drift in the parameters, so the noise is estimated again.
-        left = refitted(&least, &noise);
+        let left = refitted(&after, &least, &noise);
         noise = Noise::of(&left, samples, &segments, drives(datasets));
-        Ok(noise.energy(&refitted(&problem, &noise)) - noise.energy(&refitted(&least, &noise)))
+        Ok(noise.energy(&refitted(&before, &own, &noise)) - noise.energy(&refitted(&after, &least, &noise)))
     }
 }
 

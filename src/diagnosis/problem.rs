@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 
+use super::DiagnosisError;
 use super::change::can_change;
 use super::fitting::Fitting;
 use super::orders;
@@ -43,6 +44,9 @@ const USUAL_SHARE: f64 = 0.1;
 /// Least number of motor turns in the travel: two periods of order one are told from gravity and springs, which vary over
 /// the whole travel.
 const LEAST_TURNS: f64 = 2.0;
+
+/// Candidates that act through the entire prediction whose columns are computed together.
+const WHOLES: usize = 3;
 
 /// Largest sampling period, s, at which the ringing of elastic gears above 10 Hz is resolved.
 const SLOWEST_RINGING: f64 = 4e-3;
@@ -155,11 +159,16 @@ impl Fitting<'_> {
     /// Linearised problem of a fit: residuals and columns of its parameters and of the candidates, averaged over
     /// [`block`] samples. Fixed parameters are omitted; the others are restricted by the active consistency
     /// constraints according to `edges`.
-    pub fn problem(&self, fit: &Fit, candidates: &[Vec<ActiveEffect>], edges: Edges) -> Result<Problem, FitError> {
+    pub fn problem(
+        &self,
+        fit: &Fit,
+        candidates: &[Vec<ActiveEffect>],
+        edges: Edges,
+    ) -> Result<Problem, DiagnosisError> {
         let datasets = self.datasets;
         let (segments, samples) = segments(datasets);
-        let (mut owned, columns) = self.linearised(&fit.model, &candidates.concat())?;
-        owned.retain(|o| !self.is_fixed(o.param));
+        let base = self.base(fit, edges)?;
+        let columns = self.candidate_columns(&fit.model, &candidates.concat())?;
         let mut columns = columns.into_iter();
         let mut candidate = |shapes: &Vec<ActiveEffect>| {
             let variant = |active| Variant { label: label(active), columns: columns.next().expect("one per shape") };
@@ -170,7 +179,7 @@ impl Fitting<'_> {
             samples,
             segments,
             y: self.residual_series(&fit.residuals),
-            base: along_edges(owned, fit, edges).into_iter().chain(self.blurred_reversals()).collect(),
+            base,
             candidates: candidates.iter().map(&mut candidate).collect(),
         })
     }
@@ -184,18 +193,14 @@ impl Fitting<'_> {
         candidates: &[Vec<ActiveEffect>],
         (fit, late): (&Fit, &ActiveEffect),
         edges: Edges,
-    ) -> Result<Problem, FitError> {
+    ) -> Result<Problem, DiagnosisError> {
         let datasets = self.datasets;
         let is_sensor = |shapes: &Vec<ActiveEffect>| shapes[0].effect.kind() == Kind::Sensor;
         let sensors: Vec<ActiveEffect> =
             candidates.iter().filter(|shapes| is_sensor(shapes)).flatten().cloned().collect();
-        let (mut owned, columns) = self.linearised(&fit.model, &sensors)?;
-        owned.retain(|o| !self.is_fixed(o.param));
-        let mut next = Problem {
-            y: self.residual_series(&fit.residuals),
-            base: along_edges(owned, fit, edges).into_iter().chain(self.blurred_reversals()).collect(),
-            ..problem.clone()
-        };
+        let base = self.base(fit, edges)?;
+        let columns = self.candidate_columns(&fit.model, &sensors)?;
+        let mut next = Problem { y: self.residual_series(&fit.residuals), base, ..problem.clone() };
         let mut columns = columns.into_iter();
         for (candidate, shapes) in next.candidates.iter_mut().zip(candidates) {
             for variant in &mut candidate.variants {
@@ -211,7 +216,12 @@ impl Fitting<'_> {
 
     /// Linearised problem of a change after the first `before` recordings: the columns of the candidates are zero in
     /// these. The candidates are the effects of the model, each with its linear parameters, and those of `absent`.
-    pub fn change(&self, model: &Model, before: usize, absent: &[Vec<ActiveEffect>]) -> Result<Problem, FitError> {
+    pub fn change(
+        &self,
+        model: &Model,
+        before: usize,
+        absent: &[Vec<ActiveEffect>],
+    ) -> Result<Problem, DiagnosisError> {
         let datasets = self.datasets;
         let (segments, samples) = segments(datasets);
         let first = self::segments(&datasets[..before]).1;
@@ -220,7 +230,8 @@ impl Fitting<'_> {
             values.chunks_mut(samples).for_each(|channel| channel[..first].fill(0.0));
             Column { values, ..column.clone() }
         };
-        let (owned, columns) = self.linearised(model, &absent.concat())?;
+        let owned = self.owned_columns(model)?;
+        let columns = self.candidate_columns(model, &absent.concat())?;
         let mut candidates: Vec<Candidate> = Vec::new();
         for o in owned.iter().filter(|o| o.linear.is_some() && can_change(o.param.effect)) {
             let column = Column { magnitude: WORTH_CARING * o.column.magnitude, ..later(&o.column) };
@@ -248,61 +259,77 @@ impl Fitting<'_> {
         })
     }
 
-    /// Columns of all estimated parameters of a model except those that the motion does not excite.
-    pub fn owned_columns(&self, model: &Model) -> Result<Vec<Owned>, FitError> {
-        Ok(self.linearised(model, &[])?.0)
+    /// Columns of the parameters of a fit that are not fixed, along its active consistency constraints, and of the smoothing
+    /// error at reversals.
+    pub fn base(&self, fit: &Fit, edges: Edges) -> Result<Vec<Column>, FitError> {
+        let mut owned = self.owned_columns(&fit.model)?;
+        owned.retain(|o| !self.is_fixed(o.param));
+        Ok(along_edges(owned, fit, edges).into_iter().chain(self.blurred_reversals()).collect())
     }
 
-    /// Columns of the estimated parameters of a model, and of the linear parameters of each candidate, added to the model
-    /// with its initial values.
-    fn linearised(
+    /// Columns of all estimated parameters of a model except those that the motion does not excite.
+    pub fn owned_columns(&self, model: &Model) -> Result<Vec<Owned>, FitError> {
+        let parameters = self.datasets[0].plant(model).parameters();
+        let all = self.averaged(model, &[])?;
+        let free = parameters.free(&[]).into_iter().map(|k| (k, &parameters[k]));
+        let owned = free.map(|(k, p)| Owned {
+            param: p.param,
+            linear: (p.role == Role::Linear).then_some(p.value),
+            column: Column {
+                name: p.name.clone(),
+                values: stack(&self.noise, all.iter().map(|dataset| parameters.pick(k, dataset))),
+                magnitude: nominal_size(p),
+            },
+        });
+        Ok(owned.filter(|o| o.column.values.iter().any(|v| (v * o.column.magnitude).abs() > NOT_EXCITED)).collect())
+    }
+
+    /// Columns of the linear parameters of each candidate, added to the model with its initial values. Between groups of
+    /// candidates, of which the laws on the known motion are one, the diagnosis may be stopped.
+    fn candidate_columns(
         &self,
         model: &Model,
         candidates: &[ActiveEffect],
-    ) -> Result<(Vec<Owned>, Vec<Vec<Column>>), FitError> {
-        let datasets = self.datasets;
-        let parameters = datasets[0].plant(model).parameters();
-        let block = block(datasets);
+    ) -> Result<Vec<Vec<Column>>, DiagnosisError> {
+        let measured = rms(self.datasets.iter().flat_map(|t| t.measured[0].iter().copied()));
+        let magnitude = |e: &Entry, values: &[f64]| match model.mechanism {
+            Mechanism::Delta { .. } => WORTH_CARING * e.parameter.default.abs(),
+            // The usual size on a lone axis is relative to its torque, because its limits are often estimates.
+            Mechanism::Axis(_) => WORTH_CARING * USUAL_SHARE * measured / rms(values.iter().copied()),
+        };
+        let is_whole = |i: &usize| candidates[*i].effect.kind().acts_on_the_whole();
+        let (wholes, laws): (Vec<usize>, Vec<usize>) = (0..candidates.len()).partition(is_whole);
+        let mut columns = vec![Vec::new(); candidates.len()];
+        for group in std::iter::once(laws.as_slice()).chain(wholes.chunks(WHOLES)).filter(|group| !group.is_empty()) {
+            self.go_on()?;
+            let own: Vec<ActiveEffect> = group.iter().map(|&i| candidates[i].clone()).collect();
+            let all = self.averaged(model, &own)?;
+            let first = all[0].len() - group.len();
+            for (j, &i) in group.iter().enumerate() {
+                let entries = candidates[i].entries();
+                let linear = entries.iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Linear);
+                let column = |(k, e): (usize, &Entry)| {
+                    let values = stack(&self.noise, all.iter().map(|dataset| &dataset[first + j][k]));
+                    let size = magnitude(e, &values);
+                    Column { name: e.full_name(), values, magnitude: if size.is_finite() { size } else { 0.0 } }
+                };
+                columns[i] = linear.map(column).collect();
+            }
+        }
+        Ok(columns)
+    }
+
+    /// Columns of the parameters of a model and of candidates, averaged over [`block`] samples, of every recording:
+    /// `[recording][effect][parameter][channel][block]`.
+    fn averaged(&self, model: &Model, candidates: &[ActiveEffect]) -> Result<Vec<Vec<Vec<Channels>>>, FitError> {
+        let block = block(self.datasets);
         let one = |kept: &KeptColumns| {
             let (plant, dataset) = (kept.dataset.plant(model), kept.dataset);
-            let columns =
-                kept.laws(&plant).and_then(|known| averaged_columns(&plant, dataset, candidates, block, known));
+            let known = kept.laws(&plant);
+            let columns = known.and_then(|known| averaged_columns(&plant, dataset, candidates, block, known));
             columns.map_err(kinematics(dataset))
         };
-        let all: Vec<Vec<Vec<Channels>>> = self.kept.iter().map(one).collect::<Result<_, FitError>>()?;
-        let own = all[0].len() - candidates.len();
-        let owned = parameters
-            .free(&[])
-            .into_iter()
-            .map(|k| (k, &parameters[k]))
-            .map(|(k, p)| Owned {
-                param: p.param,
-                linear: (p.role == Role::Linear).then_some(p.value),
-                column: Column {
-                    name: p.name.clone(),
-                    values: stack(&self.noise, all.iter().map(|dataset| parameters.pick(k, dataset))),
-                    magnitude: nominal_size(p),
-                },
-            })
-            .filter(|o| o.column.values.iter().any(|v| (v * o.column.magnitude).abs() > NOT_EXCITED))
-            .collect();
-        let measured = rms(datasets.iter().flat_map(|t| t.measured[0].iter().copied()));
-        let candidate = |(j, active): (usize, &ActiveEffect)| {
-            let entries = active.entries();
-            let linear = entries.iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Linear);
-            let column = |(k, e): (usize, &Entry)| {
-                let values = stack(&self.noise, all.iter().map(|dataset| &dataset[own + j][k]));
-                let magnitude = match model.mechanism {
-                    Mechanism::Delta { .. } => WORTH_CARING * e.parameter.default.abs(),
-                    // The usual size on a lone axis is relative to its torque, because its limits are often estimates.
-                    Mechanism::Axis(_) => WORTH_CARING * USUAL_SHARE * measured / rms(values.iter().copied()),
-                };
-                Column { name: e.full_name(), values, magnitude: if magnitude.is_finite() { magnitude } else { 0.0 } }
-            };
-            linear.map(column).collect()
-        };
-        let columns = candidates.iter().enumerate().map(candidate).collect();
-        Ok((owned, columns))
+        self.kept.iter().map(one).collect()
     }
 
     /// Columns of the smoothing error of friction at the reversals of recordings that do not resolve them.

@@ -9,13 +9,16 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::columns::terms;
 use super::{Channels, Joints, ideal};
 use crate::dynamics::Plant;
-use crate::effects::{ActiveEffect, Kind, Role, rigid_bodies};
+use crate::effects::rigid_bodies::{self, RigidBodies};
+use crate::effects::{ActiveEffect, Kind, Role};
 use crate::identification::Dataset;
 use crate::kinematics::KinematicsError;
-use crate::machine::{Bodies, Inertia};
 
 /// Most values that are kept of a recording, 256 MB; what exceeds them is computed at every request.
 const MOST_VALUES: usize = 32_000_000;
+
+/// Difference of inertia, in SI units, that is rounding.
+const ROUNDING: f64 = 1e-12;
 
 /// Columns at every sample of an effect, `[parameter][channel][sample]`.
 type Columns = Arc<Vec<Channels>>;
@@ -174,11 +177,14 @@ impl Laws {
     }
 }
 
-/// The machine without links and effects.
+/// The machine without parameters: no effects, and of the links what their parameters do not describe, as the differences of
+/// bodies that share one.
 fn bare(plant: &Plant) -> Plant {
     let mut bare = plant.clone();
     bare.effects.clear();
-    bare.links = Bodies([Inertia::ZERO; crate::machine::bodies::SLOTS]);
+    let links = RigidBodies::with(plant.mechanism, plant.assembled, plant.link_parameters);
+    let none = vec![0.0; links.values(&plant.links).len()];
+    links.set_values(&mut bare.links, &none);
     bare.sum_inertia();
     bare
 }
@@ -189,7 +195,13 @@ fn is_same(a: &Plant, b: &Plant) -> bool {
         (Some(a), Some(b)) => Arc::ptr_eq(a, b),
         (a, b) => a.is_none() && b.is_none(),
     };
+    let links = a.links.0.iter().zip(&b.links.0).all(|(a, b)| {
+        let apart =
+            (a.mass - b.mass).abs().max((a.first_moment - b.first_moment).amax()).max((a.tensor - b.tensor).amax());
+        apart < ROUNDING
+    });
     loads
+        && links
         && a.host == b.host
         && a.geometry == b.geometry
         && a.link_parameters == b.link_parameters
