@@ -280,9 +280,8 @@ fn laws_that_depend_on_the_inertia_say_so() {
         let wrenches = |plant: &Plant| {
             let (mut all, reactions) = (Vec::new(), Reactions::default());
             let at = instant(plant, &motion, &reactions, [3.0; 4], &state);
-            let mut add =
-                |k: usize, body: usize, force: Vector3<f64>, moment: Vector3<f64>| all.push((k, body, force, moment));
-            let out = &mut Wrenches::new(&motion, &mut |k, body, force, moment| add(k, body, *force, *moment));
+            let mut add = |k, body, force, moment| all.push((k, body, force, moment));
+            let out = &mut Wrenches::new(&motion, &mut add);
             active.effect.wrenches_along(&active.values(), &at, out);
             all
         };
