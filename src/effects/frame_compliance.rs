@@ -75,7 +75,7 @@ static SPEC: Spec = Spec::new(
     },
     PARAMETERS,
 )
-.reads(Reads { accelerations: true, ..Reads::MOTION })
+.reads(Reads { accelerations: true, inertia: true, ..Reads::MOTION })
 // Factors for randomly drawn frames in the validation; the diagnosis uses the starts.
 .grids(&[&[0.5, 0.7, 1.0, 1.5, 2.0]])
 .starts(&STARTS);
