@@ -9,7 +9,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::estimator::{Estimator, PRIOR_INFORMATION};
 use deltatwin::identification::normal_equations::{NormalEquations, UNIT_WEIGHTS};
-use deltatwin::identification::{Dataset, fit, predict};
+use deltatwin::identification::{Dataset, KeptColumns, fit, predict};
 use deltatwin::machine::Setup;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use nalgebra::DVector;
@@ -47,16 +47,18 @@ fn identification(c: &mut Criterion) {
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
     let mut group = c.benchmark_group("identification of 50 000 samples");
     group.sample_size(10);
+    let base = |kept: &[KeptColumns]| {
+        let normal = NormalEquations::new(&model, kept, &noise, &free, UNIT_WEIGHTS).expect("a regular motion");
+        let size = DVector::from_element(parameters, 1.0);
+        let estimator = Estimator::new(&normal, &size, &size.map(|_| PRIOR_INFORMATION)).expect("finite");
+        estimator.step(&normal, &DVector::zeros(parameters), &[])
+    };
     group.bench_function("regressor and base parameters, one core", |b| {
-        b.iter(|| {
-            one.install(|| {
-                let normal =
-                    NormalEquations::new(&model, &dataset, &noise, &free, UNIT_WEIGHTS).expect("a regular motion");
-                let size = DVector::from_element(parameters, 1.0);
-                let estimator = Estimator::new(&normal, &size, &size.map(|_| PRIOR_INFORMATION)).expect("finite");
-                estimator.step(&normal, &DVector::zeros(parameters), &[])
-            })
-        })
+        b.iter(|| one.install(|| base(&KeptColumns::of(&dataset))))
+    });
+    let kept = KeptColumns::of(&dataset);
+    group.bench_function("the same with columns of an earlier model, one core", |b| {
+        b.iter(|| one.install(|| base(&kept)));
     });
     group.bench_function("consistent parameters with standard errors, one core", |b| {
         b.iter(|| one.install(|| fit(&model, &dataset, &noise).expect("a fit")))

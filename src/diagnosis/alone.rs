@@ -58,6 +58,9 @@ impl Step {
     }
 }
 
+/// Residuals by the names of candidates.
+pub type Named<'a> = Vec<(&'a str, Residuals)>;
+
 impl Alone {
     /// The models of the best of the reported candidates.
     pub(super) fn of(
@@ -126,7 +129,7 @@ impl Alone {
     ///
     /// # Errors
     /// [`FitError::Kinematics`] if the inverse dynamics of the model before fail at a measured pose.
-    pub fn residuals(&self, datasets: &[Dataset]) -> Result<(Residuals, Vec<(&str, Residuals)>), FitError> {
+    pub fn residuals(&self, datasets: &[Dataset]) -> Result<(Residuals, Named<'_>), FitError> {
         let before = Residuals::new(&self.before, datasets)?;
         let anew = self.anew.change(&before, datasets)?;
         let mut with = Vec::new();
