@@ -101,8 +101,8 @@ impl Live {
 }
 
 /// Reads lines until there are no more.
-fn each_line(from: impl Read, mut each: impl FnMut(String)) {
-    BufReader::new(from).lines().map_while(Result::ok).for_each(|line| each(line));
+fn each_line(from: impl Read, each: impl FnMut(String)) {
+    BufReader::new(from).lines().map_while(Result::ok).for_each(each);
 }
 
 fn remark(heard: &Mutex<Heard>, line: String) {
