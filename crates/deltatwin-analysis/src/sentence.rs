@@ -108,10 +108,7 @@ fn much(d: &Diagnosis) -> String {
         n => format!(" and more than 1.15 times on {} other{}", n - 1, if n == 2 { "" } else { "s" }),
     };
     let coarse = d.smoothing.map_or_else(String::new, |time| {
-        format!(
-            " (angles so coarse that they are smoothed over {} ms hide reversals, a part of it)",
-            significant(1e3 * time, 2)
-        )
+        format!(", in part from coarse angles (smoothed over {} ms)", significant(1e3 * time, 2))
     });
     format!("{} times the noise is left on {}{others}{coarse}", significant(*ratio, 2), worst.title(d.model.mechanism))
 }
