@@ -7,12 +7,14 @@ use super::DiagnosisError;
 use super::change::can_change;
 use super::fitting::Fitting;
 use super::orders;
+use crate::dynamics::Plant;
 use crate::effects::{self, ActiveEffect, Entry, Kind, Param, Role, Start};
 use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
 use crate::identification::dataset::averaged_segments;
 use crate::identification::fit::{Fit, FitError, kinematics, nominal_size};
-use crate::identification::prediction::Channels;
+use crate::identification::prediction::{Channels, Laws, candidate_columns};
 use crate::identification::{Dataset, KeptColumns, NoiseLevel, Residuals, averaged_columns};
+use crate::kinematics::KinematicsError;
 use crate::machine::{Mechanism, Unit};
 use crate::model::Model;
 use crate::recording::Channel::Torque;
@@ -155,6 +157,9 @@ fn begun_at(active: &ActiveEffect, start: &Start, size: f64) -> ActiveEffect {
     begun
 }
 
+/// Columns of effects of a plant along a dataset, averaged over blocks, from those that are known.
+type ColumnsOf<'a> = &'a dyn Fn(&Plant, &Dataset, usize, Laws) -> Result<Vec<Vec<Channels>>, KinematicsError>;
+
 impl Fitting<'_> {
     /// Linearised problem of a fit: residuals and columns of its parameters and of the candidates, averaged over
     /// [`block`] samples. Fixed parameters are omitted; the others are restricted by the active consistency
@@ -270,7 +275,8 @@ impl Fitting<'_> {
     /// Columns of all estimated parameters of a model except those that the motion does not excite.
     pub fn owned_columns(&self, model: &Model) -> Result<Vec<Owned>, FitError> {
         let parameters = self.datasets[0].plant(model).parameters();
-        let all = self.averaged(model, &[])?;
+        let all =
+            self.averaged(model, &|plant, dataset, block, known| averaged_columns(plant, dataset, &[], block, known))?;
         let free = parameters.free(&[]).into_iter().map(|k| (k, &parameters[k]));
         let owned = free.map(|(k, p)| Owned {
             param: p.param,
@@ -303,13 +309,15 @@ impl Fitting<'_> {
         for group in std::iter::once(laws.as_slice()).chain(wholes.chunks(WHOLES)).filter(|group| !group.is_empty()) {
             self.go_on()?;
             let own: Vec<ActiveEffect> = group.iter().map(|&i| candidates[i].clone()).collect();
-            let all = self.averaged(model, &own)?;
-            let first = all[0].len() - group.len();
+            let columns_of = |plant: &Plant, dataset: &Dataset, block: usize, known: Laws| {
+                candidate_columns(plant, dataset, &own, block, known)
+            };
+            let all = self.averaged(model, &columns_of)?;
             for (j, &i) in group.iter().enumerate() {
                 let entries = candidates[i].entries();
                 let linear = entries.iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Linear);
                 let column = |(k, e): (usize, &Entry)| {
-                    let values = stack(&self.noise, all.iter().map(|dataset| &dataset[first + j][k]));
+                    let values = stack(&self.noise, all.iter().map(|dataset| &dataset[j][k]));
                     let size = magnitude(e, &values);
                     Column { name: e.full_name(), values, magnitude: if size.is_finite() { size } else { 0.0 } }
                 };
@@ -319,14 +327,13 @@ impl Fitting<'_> {
         Ok(columns)
     }
 
-    /// Columns of the parameters of a model and of candidates, averaged over [`block`] samples, of every recording:
+    /// Columns that `of` computes for the plant of every recording from those known, averaged over [`block`] samples:
     /// `[recording][effect][parameter][channel][block]`.
-    fn averaged(&self, model: &Model, candidates: &[ActiveEffect]) -> Result<Vec<Vec<Vec<Channels>>>, FitError> {
+    fn averaged(&self, model: &Model, of: ColumnsOf) -> Result<Vec<Vec<Vec<Channels>>>, FitError> {
         let block = block(self.datasets);
         let one = |kept: &KeptColumns| {
             let (plant, dataset) = (kept.dataset.plant(model), kept.dataset);
-            let known = kept.laws(&plant);
-            let columns = known.and_then(|known| averaged_columns(&plant, dataset, candidates, block, known));
+            let columns = kept.laws(&plant).and_then(|known| of(&plant, dataset, block, known));
             columns.map_err(kinematics(dataset))
         };
         self.kept.iter().map(one).collect()

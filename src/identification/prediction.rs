@@ -26,7 +26,7 @@ use crate::machine::AXES;
 use crate::recording::Channel;
 use crate::recording::Signals;
 
-pub use columns::{averaged_columns, columns, prediction_and_columns};
+pub use columns::{averaged_columns, candidate_columns, columns, prediction_and_columns};
 pub use kept::{KeptColumns, Laws};
 
 /// One series per channel, in the order of the dataset's channels.

@@ -111,6 +111,22 @@ pub fn averaged_columns(
     along(dataset, &Moved::new(joints(plant, dataset)?.knowing(known)), &wanted, block)
 }
 
+/// Columns of candidates as in [`averaged_columns`], without those of the plant.
+///
+/// # Errors
+/// As [`columns`].
+pub fn candidate_columns(
+    plant: &Plant,
+    dataset: &Dataset,
+    candidates: &[ActiveEffect],
+    block: usize,
+    known: Laws,
+) -> Result<Vec<Vec<Channels>>, KinematicsError> {
+    let wanted = |active| Wanted { active, is_candidate: true, shapes: false };
+    let wanted: Vec<Wanted> = candidates.iter().map(wanted).collect();
+    along(dataset, &Moved::new(joints(plant, dataset)?.knowing(known)), &wanted, block)
+}
+
 /// Motion of the joints with the channels before the sensors, which are computed at the first request.
 struct Moved<'a> {
     joints: Joints<'a>,
