@@ -118,7 +118,7 @@ fn hidden_socket_friction_is_named_and_taken_back_by_its_own_parameter() {
 fn explained_alone(d: &Diagnosis, fitted: &[Dataset]) {
     let noise = fitted[0].noise(&d.alone.before);
     let energy = |left: &Residuals| left.rms.iter().zip(&noise).map(|(r, n)| (r / n).powi(2)).sum::<f64>();
-    let (before, with) = d.alone.residuals(fitted).unwrap();
+    let (before, with) = d.alone.residuals(fitted, fitted).unwrap();
     let refitted = energy(&before) - energy(&Residuals::new(&d.model, fitted).unwrap());
     assert_eq!(with[0].0, "ball_socket_coulomb", "{} candidates", with.len());
     for (name, left) in &with {

@@ -37,9 +37,10 @@ pub struct Alone {
     /// The step of all its parameters that the ranking makes, whose rows are whitened, before it adds a candidate.
     anew: Step,
     /// Steps to the best candidates that the data can test, in the order of
-    /// [`Diagnosis::candidates`](super::Diagnosis::candidates), with the amplitudes of `anew` and of the step that leave the
-    /// least squares of the fitted recordings.
-    with: Vec<(String, Step, [f64; 2])>,
+    /// [`Diagnosis::candidates`](super::Diagnosis::candidates).
+    with: Vec<(String, Step)>,
+    /// Noise of the channels, N·m or N.
+    noise: Vec<f64>,
 }
 
 /// A step of a model.
@@ -58,8 +59,8 @@ impl Step {
     }
 }
 
-/// Residuals by the names of candidates.
-pub type Named<'a> = Vec<(&'a str, Residuals)>;
+/// Residuals with each candidate, by its name.
+pub type ByCandidate<'a> = Vec<(&'a str, Residuals)>;
 
 impl Alone {
     /// The models of the best of the reported candidates.
@@ -94,47 +95,26 @@ impl Alone {
             let Some(assessed) = found.all.candidates.iter().find(|a| a.name == report.name) else { continue };
             let start = &candidates[assessed.candidate][assessed.variant];
             let step = stepped(&before, Some((start, assessed)), &changes(&|k| assessed.base_change[k]));
-            with.push((report.name.clone(), step, [0.0; 2]));
+            with.push((report.name.clone(), step));
         }
-        let mut alone = Self { before, anew, with };
-        alone.set_amplitudes(fitting)?;
-        Ok(alone)
+        Ok(Self { before, anew, with, noise: fitting.noise.pooled.clone() })
     }
 
-    /// Amplitudes of least squares, in units of the noise; a candidate that cannot be predicted is left out.
-    fn set_amplitudes(&mut self, fitting: &Fitting) -> Result<(), FitError> {
-        let datasets = fitting.datasets;
-        let series = |r: &Residuals| -> Vec<f64> {
-            let noise = fitting.noise.pooled.iter().enumerate();
-            noise.filter(|(_, n)| **n > 0.0).flat_map(|(c, n)| r.channel(c).into_iter().map(move |x| x / n)).collect()
-        };
-        let before = Residuals::new(&self.before, datasets)?;
-        let (y, anew) = (series(&before), series(&self.anew.change(&before, datasets)?));
-        for (_, step, amplitudes) in &mut self.with {
-            let Ok(change) = step.change(&before, datasets) else { continue };
-            let own = series(&change);
-            // Changes are of residuals, so that their signs are opposite to those of predictions.
-            let normal = Matrix2::new(dot(&anew, &anew), dot(&anew, &own), dot(&own, &anew), dot(&own, &own));
-            let right = -Vector2::new(dot(&anew, &y), dot(&own, &y));
-            let Ok(inverse) = normal.pseudo_inverse(SINGULAR * normal.trace()) else { continue };
-            let found = inverse * right;
-            *amplitudes = if found.iter().all(|x| x.is_finite()) { found.into() } else { [0.0; 2] };
-        }
-        self.with.retain(|(.., amplitudes)| *amplitudes != [0.0; 2]);
-        Ok(())
-    }
-
-    /// Residuals of the model before along recordings, and with each candidate in addition, by its name. A candidate that
-    /// cannot be predicted there is left out.
+    /// Residuals of the model before along the recordings `shown`, and with each candidate in addition. Its amplitude and the
+    /// one of the other parameters leave the least squares of the recordings `fitted`, in units of the noise. A candidate that
+    /// cannot be predicted is left out.
     ///
     /// # Errors
     /// [`FitError::Kinematics`] if the inverse dynamics of the model before fail at a measured pose.
-    pub fn residuals(&self, datasets: &[Dataset]) -> Result<(Residuals, Named<'_>), FitError> {
-        let before = Residuals::new(&self.before, datasets)?;
-        let anew = self.anew.change(&before, datasets)?;
+    pub fn residuals(&self, fitted: &[Dataset], shown: &[Dataset]) -> Result<(Residuals, ByCandidate<'_>), FitError> {
+        let left = Residuals::new(&self.before, fitted)?;
+        let (y, own) = (self.series(&left), self.series(&self.anew.change(&left, fitted)?));
+        let before = Residuals::new(&self.before, shown)?;
+        let anew = self.anew.change(&before, shown)?;
         let mut with = Vec::new();
-        for (name, step, [first, second]) in &self.with {
-            let Ok(change) = step.change(&before, datasets) else { continue };
+        for (name, step) in &self.with {
+            let (Ok(there), Ok(change)) = (step.change(&left, fitted), step.change(&before, shown)) else { continue };
+            let Some([first, second]) = amplitudes(&y, &own, &self.series(&there)) else { continue };
             let left = before.minus(&anew.times(-first)).minus(&change.times(-second));
             if left.rms.iter().all(|rms| rms.is_finite()) {
                 with.push((name.as_str(), left));
@@ -142,6 +122,21 @@ impl Alone {
         }
         Ok((before, with))
     }
+
+    /// All residuals in units of the noise, without channels whose noise is not known.
+    fn series(&self, residuals: &Residuals) -> Vec<f64> {
+        let noise = self.noise.iter().enumerate().filter(|(_, n)| **n > 0.0);
+        noise.flat_map(|(c, n)| residuals.channel(c).into_iter().map(move |x| x / n)).collect()
+    }
+}
+
+/// Amplitudes of two changes of the residuals `y` that leave the least squares; `None` if they are not finite or both zero.
+fn amplitudes(y: &[f64], first: &[f64], second: &[f64]) -> Option<[f64; 2]> {
+    let normal = Matrix2::new(dot(first, first), dot(first, second), dot(second, first), dot(second, second));
+    // Changes are of residuals, so that their signs are opposite to those of predictions.
+    let right = -Vector2::new(dot(first, y), dot(second, y));
+    let found: [f64; 2] = (normal.pseudo_inverse(SINGULAR * normal.trace()).ok()? * right).into();
+    (found.iter().all(|x| x.is_finite()) && found != [0.0; 2]).then_some(found)
 }
 
 /// A step of the model `before` by `changes` of its parameters and, where given, an assessed candidate of an initial shape.

@@ -12,8 +12,8 @@ use crate::effects::{self, ActiveEffect, Entry, Kind, Param, Role, Start};
 use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
 use crate::identification::dataset::averaged_segments;
 use crate::identification::fit::{Fit, FitError, kinematics, nominal_size};
-use crate::identification::prediction::{Channels, Laws, candidate_columns};
-use crate::identification::{Dataset, KeptColumns, NoiseLevel, Residuals, averaged_columns};
+use crate::identification::prediction::{Channels, Laws, candidate_columns, own_columns};
+use crate::identification::{Dataset, KeptColumns, NoiseLevel, Residuals};
 use crate::kinematics::KinematicsError;
 use crate::machine::{Mechanism, Unit};
 use crate::model::Model;
@@ -275,8 +275,7 @@ impl Fitting<'_> {
     /// Columns of all estimated parameters of a model except those that the motion does not excite.
     pub fn owned_columns(&self, model: &Model) -> Result<Vec<Owned>, FitError> {
         let parameters = self.datasets[0].plant(model).parameters();
-        let all =
-            self.averaged(model, &|plant, dataset, block, known| averaged_columns(plant, dataset, &[], block, known))?;
+        let all = self.averaged(model, &own_columns)?;
         let free = parameters.free(&[]).into_iter().map(|k| (k, &parameters[k]));
         let owned = free.map(|(k, p)| Owned {
             param: p.param,

@@ -193,12 +193,15 @@ impl Plant {
         Ok(motion)
     }
 
-    /// Makes `motion`, of this machine or at rest, the one that [`Self::motion`] returns.
+    /// Sets `motion` to the one that [`Self::motion`] returns; before, it was [`Motion::REST`] or one of this machine.
+    ///
+    /// # Errors
+    /// As [`Self::motion`].
     pub(crate) fn set_motion(&self, joints: &JointState, motion: &mut Motion) -> Result<(), KinematicsError> {
         if self.assembled {
             return motion.assemble(&self.geometry, joints);
         }
-        motion.disassemble(&self.geometry, joints);
+        motion.place_arms(&self.geometry, joints);
         Ok(())
     }
 

@@ -11,8 +11,8 @@ use super::experiments::Experiment;
 use crate::effects::{ActiveEffect, Role};
 use crate::evidence::separation;
 use crate::evidence::whiten::ArFilter;
-use crate::identification::prediction::{Channels, Laws};
-use crate::identification::{Dataset, averaged_columns, columns};
+use crate::identification::prediction::{Channels, Laws, candidate_columns, own_columns};
+use crate::identification::{Dataset, columns};
 use crate::kinematics::KinematicsError;
 use crate::model::Model;
 use crate::numerics::{bisect, halvings};
@@ -86,8 +86,8 @@ impl Information {
             }
         };
         let mounted: Vec<ActiveEffect> = effects.iter().filter(|a| plant.has(a.effect.acts_on())).cloned().collect();
-        let mut all = averaged_columns(&plant, dataset, &mounted, 1, Laws::default())?;
-        let own = all.split_off(all.len() - mounted.len());
+        let all = own_columns(&plant, dataset, 1, Laws::default())?;
+        let own = candidate_columns(&plant, dataset, &mounted, 1, Laws::default())?;
         let parameters = plant.parameters();
         for k in parameters.free(fixed) {
             keep(parameters[k].name.clone(), parameters.pick(k, &all));

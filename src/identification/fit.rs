@@ -73,7 +73,7 @@ pub struct Options<'a> {
     pub weights: &'a [GroupWeight],
     /// Effects whose parameters are held.
     pub fixed: &'a [String],
-    /// The datasets with the columns that the models of several fits share.
+    /// The datasets of the fit with the columns that the models of several fits share; ignored for other datasets.
     pub kept: Option<&'a [KeptColumns<'a>]>,
     /// Condition that ends the fit with the best parameters so far; at least one step is made.
     pub stop: Option<Stop<'a>>,
@@ -185,7 +185,7 @@ fn approached(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options: 
         return None;
     }
     let pieces: Vec<Dataset> = datasets.iter().map(|dataset| dataset.sparse(PIECE.0, PIECE.1)).collect();
-    let regression = Regression::new(model, &pieces, noise, &Options { kept: None, ..*options }).ok()?;
+    let regression = Regression::new(model, &pieces, noise, options).ok()?;
     regression.least_squares(model.clone(), UNIT_WEIGHTS).ok().map(|solution| solution.model)
 }
 

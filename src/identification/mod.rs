@@ -38,7 +38,7 @@ pub use laps::Laps;
 pub use limbs::{LimbTest, limb_test};
 pub use noise::NoiseLevel;
 pub use payload::{PayloadFit, identify_payload};
-pub use prediction::{KeptColumns, averaged_columns, columns, predict};
+pub use prediction::{KeptColumns, columns, predict};
 pub use repeats::Repeats;
 pub use residuals::{HeldOut, Residuals};
 pub use swapped::swapped;

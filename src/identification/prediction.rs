@@ -26,7 +26,7 @@ use crate::machine::AXES;
 use crate::recording::Channel;
 use crate::recording::Signals;
 
-pub use columns::{averaged_columns, candidate_columns, columns, prediction_and_columns};
+pub use columns::{candidate_columns, columns, own_columns, prediction_and_columns};
 pub use kept::{KeptColumns, Laws};
 
 /// One series per channel, in the order of the dataset's channels.
@@ -55,7 +55,7 @@ impl<'a> Joints<'a> {
         Self { known, ..self }
     }
 
-    /// Makes `motion`, of the same plant or at rest, that of all bodies at sample `k`.
+    /// Sets `motion` to the motion of all bodies at sample `k`; before, it was [`Motion::REST`] or one of the same plant.
     fn set_motion(&self, k: usize, motion: &mut Motion) -> Result<(), KinematicsError> {
         self.plant.set_motion(&self.states[k], motion)
     }

@@ -41,19 +41,31 @@ impl Arm {
             let (s, c) = sin_cos(angle);
             (Vector3::new(c * u.x, c * u.y, -s), Vector3::new(s * u.x, s * u.y, c))
         };
-        let shaft = limb.shaft();
         match limb.actuator {
-            Actuator::Revolute => {
-                let (x, z) = axes(q);
-                let lever = x * limb.arm_length;
-                Self { x, z, origin: shaft, elbow: shaft + lever, slope: z * -limb.arm_length, curvature: -lever }
-            }
+            Actuator::Revolute => Self::placed(limb, axes(q), limb.shaft()),
             Actuator::Prismatic { inclination } => {
-                let (x, z) = axes(inclination);
-                let origin = shaft + x * q;
-                Self { x, z, origin, elbow: origin + x * limb.arm_length, slope: x, curvature: Vector3::zeros() }
+                let axes = axes(inclination);
+                Self::placed(limb, axes, limb.shaft() + axes.0 * q)
             }
         }
+    }
+
+    /// The arm of `limb` where its frame moves as `arm`.
+    #[inline]
+    pub fn of(limb: &Limb, arm: &BodyMotion) -> Self {
+        let axis = |k: usize| arm.rotation.column(k).into_owned();
+        Self::placed(limb, (axis(0), axis(2)), arm.position)
+    }
+
+    /// The arm of `limb` with the axes x and z of its frame and the frame's origin.
+    #[inline]
+    fn placed(limb: &Limb, (x, z): (Vector3<f64>, Vector3<f64>), origin: Vector3<f64>) -> Self {
+        let lever = x * limb.arm_length;
+        let (slope, curvature) = match limb.actuator {
+            Actuator::Revolute => (z * -limb.arm_length, -lever),
+            Actuator::Prismatic { .. } => (x, Vector3::zeros()),
+        };
+        Self { x, z, origin, elbow: origin + lever, slope, curvature }
     }
 
     /// Position of the drive of `limb` (rad within half a turn, or m) that places its arm as `arm`.
@@ -70,18 +82,6 @@ impl Arm {
     pub fn three(geometry: &Geometry, q: &[f64]) -> [Self; ARMS] {
         let limb = |i: usize| Self::new(&geometry.limbs[i], q[i]);
         [limb(0), limb(1), limb(2)]
-    }
-
-    /// The arm of `limb` where its frame moves as `arm`.
-    #[inline]
-    pub fn of(limb: &Limb, arm: &BodyMotion) -> Self {
-        let (x, z) = (arm.rotation.column(0).into_owned(), arm.rotation.column(2).into_owned());
-        let lever = x * limb.arm_length;
-        let (slope, curvature) = match limb.actuator {
-            Actuator::Revolute => (z * -limb.arm_length, -lever),
-            Actuator::Prismatic { .. } => (x, Vector3::zeros()),
-        };
-        Self { x, z, origin: arm.position, elbow: arm.position + lever, slope, curvature }
     }
 
     /// ∂³e/∂q³, m/rad³.

@@ -294,16 +294,16 @@ impl Motion {
         Ok(motion)
     }
 
-    /// Makes this the motion that [`Self::assembled`] returns; it was the motion of the same machine or [`Self::REST`].
+    /// Sets this to the motion that [`Self::assembled`] returns; before, it was [`Self::REST`] or one of the same machine.
     ///
     /// # Errors
     /// As [`Self::assembled`].
-    pub fn assemble(&mut self, geometry: &Geometry, joints: &JointState) -> Result<(), KinematicsError> {
+    pub(crate) fn assemble(&mut self, geometry: &Geometry, joints: &JointState) -> Result<(), KinematicsError> {
         let (joints, platform) = geometry.complete(joints)?;
         if geometry.has_unequal_pairs() {
             *self = Self::tilted(geometry, &joints, &platform)?;
         } else {
-            self.disassemble(geometry, &joints);
+            self.place_arms(geometry, &joints);
             self.place_platform(geometry, &platform);
         }
         Ok(())
@@ -312,12 +312,12 @@ impl Motion {
     /// Motion of the arms and the rotor of a disassembled robot.
     pub fn disassembled(geometry: &Geometry, joints: &JointState) -> Self {
         let mut motion = Self::REST;
-        motion.disassemble(geometry, joints);
+        motion.place_arms(geometry, joints);
         motion
     }
 
     /// Sets the joints, the arms and the rotor.
-    pub fn disassemble(&mut self, geometry: &Geometry, joints: &JointState) {
+    pub(crate) fn place_arms(&mut self, geometry: &Geometry, joints: &JointState) {
         self.arms = geometry.actuator().joint();
         self.limbs = geometry.limbs.len();
         self.driven = geometry.driven();

@@ -329,7 +329,7 @@ pub fn diagnosed_residuals(page: &mut Report, stages: &[Stage], data: &Data, d: 
     let Some(dataset) = shown(data) else { return Ok(()) };
     let own = std::slice::from_ref(dataset);
     let of = |mut residuals: Residuals| residuals.series.pop().unwrap_or_default();
-    let (before, alone) = d.alone.residuals(own)?;
+    let (before, alone) = d.alone.residuals(&data.datasets, own)?;
     let mut with = Vec::new();
     if !d.effects.is_empty() {
         let name = d.effects.iter().map(|e| e.name.as_str()).collect::<Vec<_>>().join(" + ");

@@ -59,9 +59,9 @@ impl Live {
             .wrap_err_with(|| format!("{}: cannot be started", program.display()))?;
         let heard = Arc::<Mutex<Heard>>::default();
         let (input, out, remarks) = (child.stdin.take(), child.stdout.take(), child.stderr.take());
-        let told = heard.clone();
+        let notes = heard.clone();
         let aside = std::thread::spawn(move || {
-            remarks.into_iter().for_each(|from| each_line(from, |line| remark(&told, line)))
+            remarks.into_iter().for_each(|from| each_line(from, |line| remark(&notes, line)))
         });
         let own = heard.clone();
         std::thread::spawn(move || {

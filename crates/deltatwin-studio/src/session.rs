@@ -467,7 +467,7 @@ impl Session {
     /// A mass that holds for all recordings is moved into all sidecars before.
     ///
     /// # Errors
-    /// If there is no such recording or the mass is negative; as [`Recording::set_payload_mass`].
+    /// If no recording has this index or the mass is negative; those of [`Recording::set_payload_mass`].
     pub fn weigh(&mut self, folder: &Path, index: Option<usize>, mass: f64) -> miette::Result<()> {
         let index = self.position(index)?;
         if !(mass >= 0.0 && mass.is_finite()) {

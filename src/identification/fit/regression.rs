@@ -83,7 +83,11 @@ impl<'a> Regression<'a> {
             Weighing::Noise => noise.to_vec(),
             Weighing::Maximum => largest(datasets, noise),
         };
-        let kept = match options.kept {
+        let are_of_these = |kept: &&[KeptColumns]| {
+            kept.len() == datasets.len()
+                && kept.iter().zip(datasets).all(|(k, dataset)| std::ptr::eq(k.dataset, dataset))
+        };
+        let kept = match options.kept.filter(are_of_these) {
             Some(kept) => Kept::Shared(kept),
             None => Kept::Own(KeptColumns::of(datasets)),
         };

@@ -92,26 +92,22 @@ pub fn prediction_and_columns(
     Ok((predicted, columns))
 }
 
-/// Columns of all parameters of a plant and of candidates, `[effect][parameter][channel][block]`, averaged over
-/// `block` samples. The plant's effects come first, starting with `rigid_bodies`; shape parameters of candidates have
-/// zero columns. `known` are columns of the plant's laws in the dataset.
+/// Columns of all parameters of a plant, `[effect][parameter][channel][block]`, averaged over `block` samples; the first
+/// effect is `rigid_bodies`. `known` are columns of the plant's laws in the dataset.
 ///
 /// # Errors
 /// As [`columns`].
-pub fn averaged_columns(
+pub fn own_columns(
     plant: &Plant,
     dataset: &Dataset,
-    candidates: &[ActiveEffect],
     block: usize,
     known: Laws,
 ) -> Result<Vec<Vec<Channels>>, KinematicsError> {
-    let rigid = plant.rigid_bodies();
-    let mut wanted = Wanted::own(plant, &rigid);
-    wanted.extend(candidates.iter().map(|active| Wanted { active, is_candidate: true, shapes: false }));
-    along(dataset, &Moved::new(joints(plant, dataset)?.knowing(known)), &wanted, block)
+    averaged(plant, dataset, &Wanted::own(plant, &plant.rigid_bodies()), block, known)
 }
 
-/// Columns of candidates as in [`averaged_columns`], without those of the plant.
+/// Columns of the linear parameters of candidates, as [`own_columns`], as if each were in the plant with the values it has;
+/// columns of shape parameters are zero.
 ///
 /// # Errors
 /// As [`columns`].
@@ -123,8 +119,17 @@ pub fn candidate_columns(
     known: Laws,
 ) -> Result<Vec<Vec<Channels>>, KinematicsError> {
     let wanted = |active| Wanted { active, is_candidate: true, shapes: false };
-    let wanted: Vec<Wanted> = candidates.iter().map(wanted).collect();
-    along(dataset, &Moved::new(joints(plant, dataset)?.knowing(known)), &wanted, block)
+    averaged(plant, dataset, &candidates.iter().map(wanted).collect::<Vec<_>>(), block, known)
+}
+
+fn averaged(
+    plant: &Plant,
+    dataset: &Dataset,
+    wanted: &[Wanted],
+    block: usize,
+    known: Laws,
+) -> Result<Vec<Vec<Channels>>, KinematicsError> {
+    along(dataset, &Moved::new(joints(plant, dataset)?.knowing(known)), wanted, block)
 }
 
 /// Motion of the joints with the channels before the sensors, which are computed at the first request.
@@ -548,10 +553,11 @@ mod tests {
         };
         let candidates: Vec<ActiveEffect> =
             REGISTRY.iter().filter(known).map(|e| ActiveEffect::absent_on(Arc::clone(e), model.host())).collect();
-        let all = averaged_columns(&plant, &dataset, &candidates, BLOCK, Laws::default()).unwrap();
+        let mut all = own_columns(&plant, &dataset, BLOCK, Laws::default()).unwrap();
+        let own = all.len();
+        all.extend(candidate_columns(&plant, &dataset, &candidates, BLOCK, Laws::default()).unwrap());
         let mut expected = vec![columns(&plant, &dataset, None).unwrap()];
         expected.extend(candidates.iter().map(|c| columns(&plant, &dataset, Some(c)).unwrap()));
-        let own = all.len() - candidates.len();
         let flat: Vec<&Channels> = all[..own].iter().flatten().collect();
         assert_eq!(flat.len(), expected[0].len());
         for (j, expected) in expected.iter().enumerate() {

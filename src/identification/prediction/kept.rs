@@ -34,7 +34,7 @@ pub struct KeptColumns<'a> {
 struct Kept {
     /// The machine without parameters.
     bare: Plant,
-    /// Its channels: those of payload and known loads.
+    /// Its channels, from payload and known loads.
     constant: Arc<Channels>,
     laws: Vec<(ActiveEffect, Columns)>,
 }

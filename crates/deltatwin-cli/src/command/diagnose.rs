@@ -53,9 +53,9 @@ pub struct Args {
     /// Show all candidates with their p-values, the error budget and the parameters that moved.
     #[arg(short, long)]
     pub verbose: bool,
-    /// Time after which the best answer so far is given, with what was not tried; by default 500 s of computing
-    /// time for every 100 000 samples of all recordings, and not less than 500 s; the work is bounded, too. Ctrl-C ends it, too. Exit status 1 if the question was
-    /// not answered until then.
+    /// Time after which the best answer so far is given, with what was not tried; by default 500 s of computing time for every
+    /// 100 000 samples of all recordings, and not less than 500 s. The work is bounded as well. Ctrl-C ends it, too. Exit
+    /// status 1 if the question was not answered until then.
     #[arg(long, value_name = "SECONDS", value_parser = positive)]
     pub time_limit: Option<f64>,
     /// One JSON object on stdout.

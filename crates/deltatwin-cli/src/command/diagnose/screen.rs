@@ -141,9 +141,13 @@ fn next(d: &Diagnosis, args: &Args) -> miette::Result<()> {
         (None, [one]) if d.verdict == Verdict::Effect => {
             commands.push(words("add", &[model.clone(), one.name.clone()], &args.data, &["-o", "better.toml"]));
         }
-        (None, []) if d.verdict == Verdict::Undecided && args.time_limit.is_some() => {
-            let longer = args.time_limit.map_or(0.0, |limit| 4.0 * limit).to_string();
-            commands.push(again(&["--time-limit", &longer]));
+        // More time helps only where the time, and not the work, ended the search.
+        (None, [])
+            if d.verdict == Verdict::Undecided
+                && !d.is_work_spent
+                && let Some(limit) = args.time_limit =>
+        {
+            commands.push(again(&["--time-limit", &(4.0 * limit).to_string()]));
         }
         (None, _) if d.verdict != Verdict::None => commands.push(again(&["-o", "better.toml"])),
         _ => {}

@@ -42,7 +42,7 @@ pub struct Source {
     axes: usize,
     prefix: String,
     /// Whether answers are lines on stdout, too.
-    is_told: bool,
+    is_printed: bool,
     name: String,
     idle: Option<Duration>,
     last: Instant,
@@ -75,7 +75,7 @@ impl Source {
             channel,
             axes,
             prefix: args.publish.clone(),
-            is_told: args.answers,
+            is_printed: args.answers,
             name,
             idle,
             last: Instant::now(),
@@ -161,7 +161,7 @@ impl Source {
 
     /// Publishes an answer that the broker keeps, files get none; and prints it where that is asked for.
     pub fn publish(&self, topic: &str, answer: &Value) -> miette::Result<()> {
-        if self.is_told {
+        if self.is_printed {
             say(json!({"topic": topic, "answer": answer}))?;
         }
         if let Channel::Broker { link, .. } = &self.channel {
