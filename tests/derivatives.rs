@@ -170,6 +170,36 @@ fn jitter_and_gaps_cost_little() {
     }
 }
 
+/// Encoders of 0.5 mrad at 500 Hz hide how the arms accelerate and when they reverse: samples near reversals are left out, and
+/// the error that the accelerations add to the torques of the true model is at most as large as promised.
+#[test]
+fn coarse_encoders_leave_the_promised_noise() {
+    const STEP: f64 = 5e-4;
+    let (recording, plant) = run("scenarios/excitation.toml");
+    let scenario = scenario::read(&crate::common::shipped("scenarios/excitation.toml")).expect("a scenario");
+    let machine = model::read(&scenario.model).expect("a model");
+    let fine = Dataset::new(&recording);
+    assert_eq!((fine.left_out, fine.on_coarse_angles()), (0.0, None));
+    let read = |k: usize| {
+        let joints = &fine.joints[k];
+        ((fine.t[k], joints.q.map(|q| (q / STEP).round() * STEP)), torque(&plant, joints))
+    };
+    let ((t, q), tau): ((Vec<_>, Vec<_>), Vec<_>) = (0..fine.len()).step_by(5).map(read).unzip();
+    let signals = Signals::of_drives(recording.signals.mechanism, t, &q, &tau);
+    let dataset = Dataset::new(&Recording { signals, ..recording });
+    assert!((0.3..0.8).contains(&dataset.left_out), "{}", dataset.left_out);
+    let said = dataset.on_coarse_angles().expect("a warning");
+    assert!(said.contains(&format!("{:.0} % of the samples", 100.0 * dataset.left_out)), "{said}");
+    let promised = dataset.noise(&machine);
+    for (i, measured) in dataset.measured.iter().enumerate().take(3) {
+        let error = |(joints, tau): (&JointState, &f64)| (torque(&plant, joints)[i] - tau).powi(2);
+        let square: f64 = dataset.joints.iter().zip(measured.iter()).map(error).sum();
+        let found = (square / dataset.len() as f64).sqrt();
+        println!("axis {}: {found:.3} N·m, promised {:.3}", i + 1, promised[i]);
+        assert!((0.5..1.1).contains(&(found / promised[i])), "axis {}: {found} {}", i + 1, promised[i]);
+    }
+}
+
 /// Scenarios named in DELTATWIN_RUNS, or one that no other test looks at: no other method beats the default, and most samples
 /// are kept.
 #[test]

@@ -177,8 +177,8 @@ fn friction_at_rest_is_no_friction_of_slow_motion() {
         (own.values[0], own.std.first().copied().unwrap_or(0.0))
     };
     let dataset = Dataset::new(&recording);
-    println!("{:?} {:?} {:?} {}", number("coulomb"), number("viscous"), number("inertia"), dataset.standing);
+    println!("{:?} {:?} {:?} {}", number("coulomb"), number("viscous"), number("inertia"), dataset.left_out);
     let (value, _) = number("coulomb");
     assert!((value - coulomb).abs() < 0.1 * coulomb, "{value} for {coulomb}: {:?}", initial.remarks);
-    assert!((0.3..0.6).contains(&dataset.standing), "{}", dataset.standing);
+    assert!((0.3..0.6).contains(&dataset.left_out), "{}", dataset.left_out);
 }

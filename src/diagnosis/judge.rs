@@ -80,6 +80,11 @@ impl<'a> Judge<'a> {
         rms.iter().zip(&self.floor).any(|(r, floor)| r / floor.max(f64::MIN_POSITIVE) > UNEXPLAINED)
     }
 
+    /// Whether no channel of the validation data exceeds its noise, so that nothing is to be explained.
+    pub fn is_noise(&self, rms: &[f64]) -> bool {
+        rms.iter().zip(&self.floor).all(|(r, floor)| r <= floor)
+    }
+
     /// Error budget on the validation data.
     pub fn budget(&self, rms_before: Vec<f64>, effects: Vec<(String, Vec<f64>)>) -> Budget {
         Budget {
@@ -217,9 +222,8 @@ fn away_from_reversals(dataset: &Dataset) -> Vec<usize> {
     let mut is_away = vec![true; dataset.len()];
     for axis in 0..drives(std::slice::from_ref(dataset)) {
         let reach = dataset.half_width[axis];
-        let reversals = dataset.joints.windows(2).enumerate().filter(|(_, w)| w[0].qd[axis] * w[1].qd[axis] < 0.0);
-        for (k, _) in reversals {
-            is_away[k.saturating_sub(reach)..(k + reach + 2).min(dataset.len())].fill(false);
+        for k in dataset.reversals(axis) {
+            is_away[(k - 1).saturating_sub(reach)..(k + reach + 1).min(dataset.len())].fill(false);
         }
     }
     (0..dataset.len()).filter(|&k| is_away[k]).collect()

@@ -491,7 +491,7 @@ const BLURS: usize = 4;
 /// Smoothing error at the reversals of a drive with the time constant `decay`, s, per unit of friction.
 fn blur(dataset: &Dataset, drive: usize, decay: f64) -> Vec<f64> {
     let rate = |k: usize| dataset.joints[k].qd[drive];
-    let reversals: Vec<usize> = (1..dataset.len()).filter(|&k| (rate(k - 1) < 0.0) != (rate(k) < 0.0)).collect();
+    let reversals: Vec<usize> = dataset.reversals(drive).collect();
     let near = |k: usize| {
         let next = reversals.partition_point(|r| *r <= k);
         let both = [next.checked_sub(1), Some(next)].into_iter().flatten().filter_map(|i| reversals.get(i));

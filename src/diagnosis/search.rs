@@ -192,10 +192,10 @@ impl<'a> Search<'a> {
         let mut settings = Settings { min_relevance: MIN_RELEVANCE * (block as f64).sqrt(), ..Settings::default() };
         let problem = judge.fitting.problem(&start, candidates, edges)?;
         let start = judge.of(start)?;
-        // No channel exceeds its noise, so nothing is to be explained; or the torques tell nothing of the dynamics.
+        // Nothing is to be explained, or the torques show nothing of the dynamics.
         let mechanism = start.fit.model.mechanism;
         let is_moved_otherwise = judge.fitting.datasets.iter().any(|t| carries_weight_alone(mechanism, t));
-        if is_moved_otherwise || start.rms().iter().zip(&judge.floor).all(|(r, f)| r <= f) {
+        if is_moved_otherwise || judge.is_noise(start.rms()) {
             settings.max_steps = 0;
         }
         Ok(Self {

@@ -216,7 +216,7 @@ impl Alone<'_> {
 
     /// Samples of a lone axis that were left out because it stands.
     fn standstill(&self, axis: usize) -> Option<Finding> {
-        let share = self.dataset.standing;
+        let share = self.dataset.left_out;
         (share > STANDING).then(|| {
             let sentence = format!(
                 "axis {} stands for {:.0} % of the time: static friction takes any value there, so these samples are left out",

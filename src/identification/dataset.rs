@@ -4,9 +4,9 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
-use super::derivatives::{Angles, Method};
+use super::derivatives::{Accuracy, Angles, Method, Motions};
 use super::filtering::MIN_HALF_WIDTH;
-use crate::dynamics::Plant;
+use crate::dynamics::{Plant, steady_inverse_dynamics};
 use crate::evidence::noise::difference_sigma;
 use crate::kinematics::JointState;
 use crate::machine::{AXES, Configuration, Mechanism, Part, Setup};
@@ -14,7 +14,7 @@ use crate::model::Model;
 use crate::recording::{Channel, Loads, Recording, Rows, Series, Signals, is_even};
 
 /// Half width of the differentiation, s, up to which reversals are resolved.
-const RESOLVED: f64 = 0.03;
+const RESOLVED: f64 = 0.015;
 /// Sampling period, s, above which reversals are not resolved.
 const SLOW: f64 = 4e-3;
 /// Time, s, during which a lone axis that stands does not move.
@@ -25,6 +25,15 @@ const STILL: (f64, f64) = (3.0, 1e-5);
 const ROUNDED: f64 = 1.01;
 /// Duration of means, s, whose differences still show noise only: a torque is smooth over a few of them.
 const SMOOTH: f64 = 2e-3;
+/// Time before and after a reversal that coarse angles do not resolve, in time scales of their smoothing.
+const REACH: f64 = 4.0;
+/// Rate whose sign is not determined: standard errors of it, and steps of the encoder per time scale of the smoothing, below
+/// which the errors of neighbouring readings are equal.
+const UNSIGNED: (f64, f64) = (3.0, 2.0);
+/// Number of instants at which the influence of an acceleration is computed.
+const INSTANTS: usize = 100;
+/// Least duration, s, with which samples near reversals that are not resolved are left out.
+const LEAST: f64 = 1.0;
 /// Least share of the samples in motion with which those at rest are left out; at unequal times, least number of them: ten
 /// for each parameter of inertia, friction and weight.
 const MOVING: f64 = 0.2;
@@ -55,11 +64,13 @@ pub struct Dataset {
     pub segments: Vec<Range<usize>>,
     /// Sampling period, s.
     pub dt: f64,
-    /// Share of the samples that were left out because the axis stands.
-    pub standing: f64,
+    /// Share of the samples that were left out: a lone axis stands, or coarse angles of a robot do not resolve a reversal.
+    pub left_out: f64,
     /// Half width per axis, in samples, of local polynomials whose second derivative has acceptable encoder noise;
     /// the smallest, [`super::filtering::MIN_HALF_WIDTH`], without encoder noise.
     pub half_width: [usize; AXES],
+    /// Accuracy of the smoothed motion per axis.
+    pub accuracy: [Accuracy; AXES],
 }
 
 /// Encoder angles, and the motion including the ringing of elastic gears once it was requested.
@@ -99,8 +110,9 @@ impl Dataset {
             channels,
             segments: std::iter::once(0..n).collect(),
             dt,
-            standing: 0.0,
+            left_out: 0.0,
             half_width: [MIN_HALF_WIDTH; AXES],
+            accuracy: [Accuracy::default(); AXES],
         }
     }
 
@@ -125,11 +137,12 @@ impl Dataset {
             half_width: angles.half_widths(),
             ..Self::exact(signals.mechanism, recording.setup, channels, dt, Vec::new())
         };
-        let pieces = angles.differentiate(method);
+        let Motions { pieces, accuracy } = angles.differentiate(method);
+        dataset.accuracy = accuracy;
         let total: usize = pieces.iter().map(|(kept, _)| kept.len()).sum();
         let moving = match signals.mechanism {
             Mechanism::Axis(_) => moving(signals, pieces.iter().map(|(kept, _)| kept), angles.resolution(0)),
-            Mechanism::Delta { .. } => pieces.iter().map(|(kept, _)| vec![kept.clone()]).collect(),
+            Mechanism::Delta { .. } => dataset.resolved(&pieces, |axis| angles.resolution(axis)),
         };
         for ((piece, joints), moving) in pieces.into_iter().zip(&moving) {
             // A recording without gaps and rests, the largest case, is moved and not copied.
@@ -148,7 +161,7 @@ impl Dataset {
         }
         dataset.readings.angles = std::array::from_fn(|i| signals.share(Channel::Angle(i)).pieces(&kept));
         dataset.measured = dataset.channels.iter().map(|&c| signals.share(c).pieces(&kept)).collect();
-        dataset.standing = 1.0 - dataset.len() as f64 / total.max(1) as f64;
+        dataset.left_out = 1.0 - dataset.len() as f64 / total.max(1) as f64;
         dataset
     }
 
@@ -189,8 +202,9 @@ impl Dataset {
             name: self.name.clone(),
             segments: Vec::new(),
             loads: self.loads.clone(),
-            standing: self.standing,
+            left_out: self.left_out,
             half_width: self.half_width,
+            accuracy: self.accuracy,
             ..Self::exact(self.mechanism, self.setup, self.channels.clone(), self.dt, Vec::new())
         }
     }
@@ -250,13 +264,72 @@ impl Dataset {
     /// Whether the angles of an axis are so coarse, or sampled so slowly, that its reversals are not resolved: friction
     /// jumps there, and its smoothing error resembles effects.
     pub fn blurs_reversals(&self) -> bool {
-        self.half_width.iter().any(|m| *m > MIN_HALF_WIDTH && *m as f64 * self.dt > RESOLVED) || self.dt > SLOW
+        self.is_coarse() || self.dt > SLOW
+    }
+
+    /// Whether the angles of an axis are so coarse that its reversals are not resolved.
+    fn is_coarse(&self) -> bool {
+        self.half_width.iter().any(|m| *m > MIN_HALF_WIDTH && *m as f64 * self.dt > RESOLVED)
+    }
+
+    /// Ranges of each of `pieces` in which the coarse angles of a robot determine the sign of every rate, and how it
+    /// accelerates; all of it if they hardly ever do.
+    ///
+    /// Friction jumps at a reversal, and the accelerations of all axes with it. Both are smoothed over the time scale of the
+    /// smoothing, and friction of the wrong sign is an error of twice its size.
+    fn resolved(
+        &self,
+        pieces: &[(Range<usize>, Vec<JointState>)],
+        resolution: impl Fn(usize) -> f64,
+    ) -> Vec<Vec<Range<usize>>> {
+        let of = |(piece, joints): &(Range<usize>, Vec<JointState>)| {
+            let mut is_resolved = vec![true; piece.len()];
+            for axis in (0..AXES).filter(|&axis| self.half_width[axis] > MIN_HALF_WIDTH) {
+                let Accuracy { width, rate, .. } = self.accuracy[axis];
+                let reach = (REACH * width / self.dt).ceil() as usize;
+                let rate_at = |k: usize| joints[k].qd[axis];
+                let least = (UNSIGNED.0 * rate).max(UNSIGNED.1 * resolution(axis) / width);
+                let is_unsigned =
+                    |k: &usize| rate_at(*k).abs() < least || *k > 0 && (rate_at(k - 1) < 0.0) != (rate_at(*k) < 0.0);
+                for k in (0..piece.len()).filter(is_unsigned) {
+                    is_resolved[k.saturating_sub(reach)..(k + reach).min(piece.len())].fill(false);
+                }
+            }
+            let long = |run: &Range<usize>| run.len() > 2 * MIN_HALF_WIDTH;
+            runs(&is_resolved, piece.start).into_iter().filter(long).collect()
+        };
+        let all: Vec<Vec<Range<usize>>> = pieces.iter().map(|(piece, _)| vec![piece.clone()]).collect();
+        if !self.is_coarse() {
+            return all;
+        }
+        let resolved: Vec<Vec<Range<usize>>> = pieces.iter().map(of).collect();
+        if samples(&resolved) * self.dt < LEAST { all } else { resolved }
+    }
+
+    /// Samples at which an axis has another direction than at the one before, within segments.
+    pub fn reversals(&self, axis: usize) -> impl Iterator<Item = usize> {
+        let rate = move |k: usize| self.joints[k].qd[axis];
+        let within = self.segments.iter().flat_map(|s| s.start + 1..s.end);
+        within.filter(move |&k| (rate(k - 1) < 0.0) != (rate(k) < 0.0))
     }
 
     /// Time over which the angles are smoothed, s, of the axis with the coarsest ones, where that hides reversals.
     pub fn smoothing(&self) -> Option<f64> {
-        let widest = self.half_width.iter().max().map(|m| (2 * m + 1) as f64 * self.dt);
-        widest.filter(|_| self.blurs_reversals())
+        let widest = self.accuracy.iter().fold(0.0f64, |most, own| most.max(own.width));
+        self.blurs_reversals().then_some(2.0 * REACH * widest)
+    }
+
+    /// What became of the reversals of a robot with coarse angles.
+    pub fn on_coarse_angles(&self) -> Option<String> {
+        let is_cut = matches!(self.mechanism, Mechanism::Delta { .. }) && self.left_out > 0.0;
+        let time = self.smoothing().filter(|_| is_cut)?;
+        Some(format!(
+            "{}: the angles are so coarse that they are smoothed over {:.0} ms; {:.0} % of the samples, near reversals that \
+             this hides, left out",
+            self.name,
+            1e3 * time,
+            100.0 * self.left_out
+        ))
     }
 
     /// Time from sample `k − 1` to sample `k`, s: the sampling period, unless the times say otherwise.
@@ -282,7 +355,7 @@ impl Dataset {
         if self.is_empty() || stretches.iter().all(|s| is_even(&signals.t[s.clone()], self.dt)) {
             return None;
         }
-        let known = (self.len() as f64 / (1.0 - self.standing)).round() as usize;
+        let known = (self.len() as f64 / (1.0 - self.left_out)).round() as usize;
         let is_recorded = |t: &f64| signals.t.binary_search_by(|x| x.total_cmp(t)).is_ok();
         let late = match self.t.iter().all(is_recorded) {
             true => "",
@@ -357,9 +430,42 @@ impl Dataset {
         Cow::Owned(self.t.iter().zip(&self.measured[c]).map(of).collect())
     }
 
-    /// Noise standard deviation of each channel's residual: from the setup, else estimated from the channel's differences,
-    /// else from the model.
+    /// Noise standard deviation of each channel's residual: of its sensor, and of the accelerations by coarse angles.
     pub fn noise(&self, model: &Model) -> Vec<f64> {
+        let of = |(sensor, angles): (f64, f64)| sensor.hypot(angles);
+        self.sensor_noise(model).into_iter().zip(self.noise_by_angles(model)).map(of).collect()
+    }
+
+    /// RMS error of each predicted channel, N·m or N, by the standard errors of the accelerations.
+    ///
+    /// A channel changes by h_j = ∂τ/∂q̈_j with the acceleration of axis j, on which it depends linearly.
+    fn noise_by_angles(&self, model: &Model) -> Vec<f64> {
+        let mut squares = vec![0.0; self.channels.len()];
+        let plant = self.plant(model);
+        let stride = stride_for(self.len(), INSTANTS);
+        let with_struts = self.channels.iter().any(|c| c.drive().is_none());
+        let channels = |k: usize, axis: usize, by: f64| {
+            let mut joints = self.joints[k];
+            joints.qdd[axis] += by;
+            let motion = plant.motion(&joints)?;
+            steady_inverse_dynamics(&plant, self.t[k], &motion, with_struts)
+        };
+        let axes = (0..self.mechanism.axes()).filter(|&axis| self.accuracy[axis].acceleration > 0.0);
+        for (axis, k) in axes.flat_map(|axis| (0..self.len()).step_by(stride).map(move |k| (axis, k))) {
+            let error = self.accuracy[axis].acceleration;
+            // A pose that the machine cannot take is reported by the prediction.
+            let (Ok(less), Ok(more)) = (channels(k, axis, -error), channels(k, axis, error)) else { continue };
+            for (sum, channel) in squares.iter_mut().zip(&self.channels) {
+                *sum += (0.5 * (more.of(*channel) - less.of(*channel))).powi(2);
+            }
+        }
+        let instants = self.len().div_ceil(stride).max(1) as f64;
+        squares.into_iter().map(|sum| (sum / instants).sqrt()).collect()
+    }
+
+    /// Noise standard deviation of each channel's sensor: from the setup, else estimated from the channel's differences, else
+    /// from the model.
+    fn sensor_noise(&self, model: &Model) -> Vec<f64> {
         let sigma = |c: usize| {
             let drive = self.channels[c].drive();
             let stated = drive.zip(self.setup.torque_noise).map(|(i, stated)| stated[i]).filter(|s| *s > 0.0);
@@ -376,6 +482,9 @@ impl Dataset {
     /// Noise with memory averages less. Its means over m samples, `SMOOTH` long, scatter by σ_m > σ/√m; a mean over n
     /// samples contains n/m of them and scatters by σ_m·√(m/n). Of a memory as long as m it is a lower bound, as
     /// [`difference_sigma`] sees neighbouring means only: of AR(1) noise a = 0.6 at 2.5 kHz 1.27 σ/√n instead of 2 σ/√n.
+    ///
+    /// Errors of the accelerations are largest at the inverse of the smoothing's time scale w: a wave of that frequency has
+    /// the mean square ½·sinc²(T/2w) in means over T, here 1/(1 + ½·(T/w)²) of it.
     pub fn noise_of_means(&self, model: &Model, block: usize) -> Vec<f64> {
         let inner = self.stride(SMOOTH).min(block);
         let segments = averaged_segments(std::slice::from_ref(self), inner);
@@ -383,7 +492,11 @@ impl Dataset {
             let seen = difference_sigma(&self.means(&self.borne(c), inner), &segments, 4).unwrap_or(0.0);
             (sigma / (block as f64).sqrt()).max(seen * (inner as f64 / block as f64).sqrt())
         };
-        self.noise(model).into_iter().enumerate().map(of).collect()
+        let width = self.accuracy.iter().fold(0.0f64, |most, own| most.max(own.width));
+        let waves = block as f64 * self.dt / width.max(f64::MIN_POSITIVE);
+        let kept = (1.0 + 0.5 * waves.powi(2)).sqrt().recip();
+        let sensor = self.sensor_noise(model).into_iter().enumerate().map(of);
+        sensor.zip(self.noise_by_angles(model)).map(|(sensor, angles)| sensor.hypot(kept * angles)).collect()
     }
 }
 
@@ -439,9 +552,13 @@ fn moving<'a>(
         runs(&moves, piece.start).into_iter().filter(long).collect()
     };
     let moving: Vec<Vec<Range<usize>>> = pieces.map(of).collect();
-    let count = |ranges: &[Vec<Range<usize>>]| ranges.iter().flatten().map(Range::len).sum::<usize>() as f64;
-    let least = if is_uneven { ENOUGH } else { MOVING * count(&all) };
-    if count(&moving) < least { all } else { moving }
+    let least = if is_uneven { ENOUGH } else { MOVING * samples(&all) };
+    if samples(&moving) < least { all } else { moving }
+}
+
+/// Number of samples in ranges.
+fn samples(ranges: &[Vec<Range<usize>>]) -> f64 {
+    ranges.iter().flatten().map(Range::len).sum::<usize>() as f64
 }
 
 /// Runs of `true`, shifted by `offset`.
@@ -502,10 +619,10 @@ mod tests {
         // 2 s of rest, then four strokes with pauses of 1 s: of 10 s the axis moves for 4.
         let moves = strokes(2.0, 4, 1.0);
         assert_eq!(moves.segments.len(), 4);
-        assert!((moves.standing - 0.6).abs() < 0.03, "{}", moves.standing);
+        assert!((moves.left_out - 0.6).abs() < 0.03, "{}", moves.left_out);
         // Within 0.3 s nothing is at rest, and a recording of rest alone is kept.
-        assert_eq!(strokes(0.0, 4, 0.2).standing, 0.0);
-        assert_eq!(strokes(5.0, 0, 0.0).standing, 0.0);
+        assert_eq!(strokes(0.0, 4, 0.2).left_out, 0.0);
+        assert_eq!(strokes(5.0, 0, 0.0).left_out, 0.0);
     }
 
     /// White noise of 0.1, and AR(1) noise a = 0.6 of the same σ, whose means scatter by twice as much and whose differences

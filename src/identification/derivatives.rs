@@ -12,7 +12,7 @@ use std::ops::Range;
 
 use super::filtering::{Kernel, MAX_HALF_WIDTH, MIN_HALF_WIDTH, half_width, noise_level, uneven_noise_level};
 use super::initial::quantum;
-use super::smoother::{Likelihood, Samples, WithErrors, smooth, smooth_with_errors, width};
+use super::smoother::{Likelihood, Samples, WithErrors, smooth, smooth_with_errors, standard_error, width};
 use crate::kinematics::JointState;
 use crate::machine::AXES;
 use crate::numerics::median;
@@ -117,9 +117,30 @@ impl Grid {
     }
 }
 
+/// Accuracy of the derivatives of an axis away from reversals.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Accuracy {
+    /// Time scale of the smoothing, s.
+    pub width: f64,
+    /// Standard error of the rate, rad/s.
+    pub rate: f64,
+    /// Standard error of the acceleration, rad/s².
+    pub acceleration: f64,
+}
+
+/// Joint motion along angles.
+pub struct Motions {
+    /// Kept samples with their joint states, in pieces without gaps.
+    pub pieces: Vec<(Range<usize>, Vec<JointState>)>,
+    /// Accuracy of each axis.
+    pub accuracy: [Accuracy; AXES],
+}
+
 /// Angle and its first two derivatives with respect to the sample number, of one segment.
 struct Smoothed {
     values: Vec<[f64; 3]>,
+    /// Time scale and standard errors of the derivatives, in samples and in units of the angle.
+    accuracy: Accuracy,
     /// Number of samples at either end that are not accurate enough.
     margin: usize,
     /// What the smoother determines; `None` without errors.
@@ -211,12 +232,12 @@ impl<'a> Angles<'a> {
     }
 
     /// Joint states of the samples kept of each segment.
-    pub fn differentiate(&self, method: Method) -> Vec<(Range<usize>, Vec<JointState>)> {
+    pub fn differentiate(&self, method: Method) -> Motions {
         let half_widths = self.half_widths();
         let method = if self.grids.is_empty() || method == Method::Reversals { method } else { Method::Smoother };
-        let segments = match method {
+        let (segments, accuracy) = match method {
             Method::Paper => self.joined(|i| self.each(i, paper)),
-            Method::Polynomial => self.joined(|i| self.each(i, |x| polynomial(x, half_widths[i]))),
+            Method::Polynomial => self.joined(|i| self.each(i, |x| polynomial(x, half_widths[i], self.sigma[i]))),
             Method::Smoother | Method::Reversals => {
                 let jumps = Jumps { ringing: 0.0, most: JUMP[1] };
                 self.smoothed(half_widths, (method == Method::Reversals).then_some(jumps))
@@ -234,14 +255,21 @@ impl<'a> Angles<'a> {
             states.drain(..margin);
             vec![(stretch.start + margin..stretch.end - margin, states)]
         };
-        self.stretches.iter().zip(segments).flat_map(inside).collect()
+        Motions { pieces: self.stretches.iter().zip(segments).flat_map(inside).collect(), accuracy }
     }
 
-    /// Joint states of all samples of every segment from the derivatives of each axis.
-    fn joined(&self, axis: impl Fn(usize) -> Vec<Smoothed> + Sync) -> Vec<Segment> {
+    /// Joint states of all samples of every segment from the derivatives of each axis, and their accuracy.
+    fn joined(&self, axis: impl Fn(usize) -> Vec<Smoothed> + Sync) -> (Vec<Segment>, [Accuracy; AXES]) {
         let empty = |s: &Range<usize>| Segment { states: vec![JointState::default(); s.len()], margin: 0, known: None };
         let mut segments: Vec<Segment> = self.stretches.iter().map(empty).collect();
+        let mut accuracy = [Accuracy::default(); AXES];
         by_pairs(self.samples() < LONG, axis, |i, smoothed| {
+            let own = smoothed.first().map_or_else(Accuracy::default, |s| s.accuracy);
+            accuracy[i] = Accuracy {
+                width: own.width * self.dt,
+                rate: own.rate / self.dt,
+                acceleration: own.acceleration / self.dt.powi(2),
+            };
             for (Segment { states, margin, known }, own) in segments.iter_mut().zip(smoothed) {
                 *margin = (*margin).max(own.margin);
                 match (known.as_mut(), own.known) {
@@ -255,7 +283,7 @@ impl<'a> Angles<'a> {
                 }
             }
         });
-        segments
+        (segments, accuracy)
     }
 
     fn samples(&self) -> usize {
@@ -278,18 +306,18 @@ impl<'a> Angles<'a> {
         // Noise in q⃛ of intensity w is smoothed over about w^(−1/6) samples.
         let fastest = 6.0 * (std::f64::consts::TAU * FASTEST_RINGING * self.dt).ln();
         let jumps = Jumps { ringing: RINGING, most: fastest.min(JUMP[1]) };
-        let segments = self.smoothed(self.half_widths(), Some(jumps));
+        let (segments, _) = self.smoothed(self.half_widths(), Some(jumps));
         let mut states = segments.into_iter().map(|segment| segment.states);
         let mut all = states.next().unwrap_or_default();
         states.for_each(|more| all.extend(more));
         all
     }
 
-    fn smoothed(&self, half_widths: [usize; AXES], jumps: Option<Jumps>) -> Vec<Segment> {
+    fn smoothed(&self, half_widths: [usize; AXES], jumps: Option<Jumps>) -> (Vec<Segment>, [Accuracy; AXES]) {
         let most = jumps.map_or(JUMP[1], |j| j.most);
         let smoothed = |i: usize, apart: &[Vec<bool>], turns: &[Vec<bool>], finest: f64| match half_widths[i] {
             m if m > MIN_HALF_WIDTH => Axis::new(self, i).smoothed(apart, turns, most.min(finest)),
-            m => self.each(i, |x| polynomial(x, m)),
+            m => self.each(i, |x| polynomial(x, m, self.sigma[i])),
         };
         let nowhere = self.nowhere();
         let first = |i: usize| smoothed(i, &nowhere, &nowhere, JUMP[1]);
@@ -370,11 +398,11 @@ fn paper(x: &[f64]) -> Smoothed {
     let inside = |k: usize| [x[k], x[k + 1] - x[k], x[k + 1] - 2.0 * x[k] + x[k - 1]];
     let last = x.len().saturating_sub(1);
     let values = (0..x.len()).map(|k| if k > 0 && k < last { inside(k) } else { [x[k], 0.0, 0.0] }).collect();
-    Smoothed { values, margin: 1, known: None }
+    Smoothed { values, accuracy: Accuracy::default(), margin: 1, known: None }
 }
 
-/// Derivatives of local polynomials of half width `m`.
-fn polynomial(x: &[f64], m: usize) -> Smoothed {
+/// Derivatives of local polynomials of half width `m` of angles with noise `sigma`.
+fn polynomial(x: &[f64], m: usize, sigma: f64) -> Smoothed {
     let kernel = Kernel::new(m.min(MAX_HALF_WIDTH));
     let m = kernel.half_width;
     let mut values: Vec<[f64; 3]> = x.iter().map(|x| [*x, 0.0, 0.0]).collect();
@@ -383,7 +411,8 @@ fn polynomial(x: &[f64], m: usize) -> Smoothed {
             value[d] = y;
         }
     }
-    Smoothed { values, margin: m, known: None }
+    let [rate, acceleration] = [1, 2].map(|d| kernel.noise_gain(d) * sigma);
+    Smoothed { values, accuracy: Accuracy { width: m as f64, rate, acceleration }, margin: m, known: None }
 }
 
 /// Whether q̈ may jump in each step of a segment: an axis reverses, given the rates of all axes in rad/s, or did so
@@ -482,6 +511,8 @@ impl<'a> Axis<'a> {
         let Snap { intensity: snap, variance, .. } = self.snap(apart);
         let jump = self.jump(snap, variance, turns, most);
         let margin = (MARGIN * width(snap)).ceil() as usize;
+        let [rate, acceleration] = [1, 2].map(|d| self.sigma * variance.sqrt() * standard_error(snap, d));
+        let accuracy = Accuracy { width: width(snap), rate, acceleration };
         let stretch = |s: usize| {
             let jerk = jerk(&turns[s], jump);
             let samples = self.samples(s, 0..self.stretches[s].len(), &jerk);
@@ -493,7 +524,7 @@ impl<'a> Axis<'a> {
                 *value = value.map(|x| x * self.sigma);
                 value[0] += self.origins[s];
             }
-            Smoothed { values, margin, known: None }
+            Smoothed { values, accuracy, margin, known: None }
         };
         (0..self.stretches.len()).map(stretch).collect()
     }

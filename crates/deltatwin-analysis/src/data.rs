@@ -281,6 +281,7 @@ fn dataset(
         });
     }
     warnings.extend(dataset.on_times(&recording));
+    warnings.extend(dataset.on_coarse_angles());
     warnings.extend(meaningless(file, &recording, &dataset));
     Ok(dataset)
 }

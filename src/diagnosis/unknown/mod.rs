@@ -95,6 +95,9 @@ pub(super) fn explain(
     judge: &Judge,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Option<Unexplained>, FitError> {
+    if judge.is_noise(found.end.rms()) {
+        return Ok(None);
+    }
     progress("is it explained?");
     let after = Search::new(&found.end, judge)?;
     let with_named = after.formula();
