@@ -14,7 +14,7 @@ use super::judge::{Judge, Judged, relative_energy};
 use super::left::Left;
 use super::problem;
 use super::search::{Found, without_effects};
-use super::unknown::Unexplained;
+use super::unknown::{self, Unexplained};
 use crate::effects::{self, ActiveEffect};
 use crate::evidence::Finding;
 use crate::identification::fit::{Estimate, Fit, FitError};
@@ -40,6 +40,8 @@ pub(super) struct Conclusion {
     pub unexplained: Option<Unexplained>,
     /// Effects and steps not tried for lack of time.
     pub not_tried: Vec<String>,
+    /// Whether what is left above the noise is noise with a memory.
+    pub leaves_noise: bool,
 }
 
 impl Conclusion {
@@ -57,7 +59,7 @@ impl Conclusion {
         // What was not tried may explain what is left.
         let is_open = !not_tried.is_empty() && matches!(verdict, Verdict::None | Verdict::Unknown);
         let verdict = if is_open { Verdict::Undecided } else { verdict };
-        Ok(Self { verdict, effects, indistinguishable, end, unexplained: None, not_tried })
+        Ok(Self { verdict, effects, indistinguishable, end, unexplained: None, not_tried, leaves_noise: false })
     }
 
     /// Replaces or supplements the named effects by a formula that explains more, if there is one.
@@ -71,6 +73,20 @@ impl Conclusion {
         }
         self.end = Judged { fit: formula.fit.clone(), residuals: Arc::clone(&formula.residuals) };
         self.verdict = Verdict::Unknown;
+    }
+
+    /// Where neither a known effect nor a formula explains what is left and it is not related to the motion, it is noise: the
+    /// names stand without it, or nothing is missing.
+    ///
+    /// # Errors
+    /// If a pose is impossible for the model.
+    pub fn weigh_the_rest(&mut self, judge: &Judge) -> Result<(), FitError> {
+        let is_open = self.verdict == Verdict::Unknown && self.unexplained.is_none();
+        self.leaves_noise = is_open && !unknown::is_related(&self.end, judge)?;
+        if self.leaves_noise {
+            self.verdict = verdict_of_names(self.effects.len(), !self.indistinguishable.is_empty());
+        }
+        Ok(())
     }
 
     /// Sets the parameters of the named effects from the final model and their probabilities from the final verdict. With
@@ -206,6 +222,13 @@ fn verdict(named: usize, [before, after, floor]: [&[f64]; 3], leaves_more: bool,
     let left = excess(after) / excess(before).max(f64::MIN_POSITIVE);
     match named {
         n if leaves_more && (n == 0 || left > MAX_LEFT) => Verdict::Unknown,
+        _ => verdict_of_names(named, is_ambiguous),
+    }
+}
+
+/// Verdict where everything but noise is explained by `named` effects.
+fn verdict_of_names(named: usize, is_ambiguous: bool) -> Verdict {
+    match named {
         0 => Verdict::None,
         _ if is_ambiguous => Verdict::Ambiguous,
         1 => Verdict::Effect,

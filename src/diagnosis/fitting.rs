@@ -47,6 +47,9 @@ pub(super) enum Stage {
 /// recordings have the same answer on every computer; and the work of a pass that predicts, in such passes.
 const MOST_PASSES: f64 = 400.0;
 const PREDICTION: f64 = 0.3;
+/// Samples below which a pass counts less, and the least share that it counts.
+const FULL: f64 = 50_000.0;
+const LEAST: f64 = 0.25;
 
 /// Share of the time after which no further effect is searched.
 const LAST_SEARCH: f64 = 0.6;
@@ -154,7 +157,8 @@ impl<'a> Fitting<'a> {
         let fitting = self.work().fitting;
         let passes = fitting.regressions as f64 + PREDICTION * fitting.predictions as f64;
         let axes = self.datasets.first().map_or(1, |dataset| dataset.mechanism.axes());
-        axes as f64 * passes / MOST_PASSES
+        let samples: usize = self.datasets.iter().map(Dataset::len).sum();
+        axes as f64 * (samples as f64 / FULL).clamp(LEAST, 1.0) * passes / MOST_PASSES
     }
 
     /// Whether the work, and not the time, ends the search.

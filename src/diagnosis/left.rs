@@ -18,6 +18,8 @@ pub struct Left {
     pub ratios: Vec<f64>,
     /// Whether an unknown effect acts in addition to the named ones.
     pub beside: bool,
+    /// Whether it is not related to the motion: noise with a memory, of which the floor contains a part.
+    pub is_noise: bool,
     /// Description of the residual where it exceeds the noise and has no formula.
     pub sight: Option<Rest>,
     /// Strongest patterns of the channels whose ratio exceeds 1.3 and that have no formula, largest share
@@ -46,7 +48,8 @@ impl Left {
     pub(super) fn of(conclusion: &Conclusion, judge: &Judge) -> Result<Self, FitError> {
         let mut left =
             Self::new(conclusion.end.rms(), &judge.floor, !conclusion.effects.is_empty(), conclusion.verdict);
-        if left.is_more_than_noise() && conclusion.unexplained.is_none() {
+        left.is_noise = conclusion.leaves_noise;
+        if left.is_more_than_noise() && conclusion.unexplained.is_none() && !left.is_noise {
             let worst = left.channels(&judge.data()[0].channels);
             left.sight = match worst.iter().find_map(|(channel, _)| channel.drive()) {
                 Some(drive) => unknown::look(&conclusion.end, judge, drive)?,
@@ -60,7 +63,8 @@ impl Left {
     fn new(rms: &[f64], floor: &[f64], named: bool, verdict: Verdict) -> Self {
         let ratios: Vec<f64> = rms.iter().zip(floor).map(|(r, f)| r / f.max(f64::MIN_POSITIVE)).collect();
         let above = ratios.iter().any(|r| *r > UNEXPLAINED);
-        Self { ratios, beside: named && (above || verdict == Verdict::Unknown), sight: None, patterns: Vec::new() }
+        let beside = named && (above || verdict == Verdict::Unknown);
+        Self { ratios, beside, is_noise: false, sight: None, patterns: Vec::new() }
     }
 
     /// Largest ratio; 1 is pure noise.

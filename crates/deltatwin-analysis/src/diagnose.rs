@@ -50,7 +50,7 @@ fn left(d: &Diagnosis) -> Value {
     let looks = looks.map(|r| json!({"location": r.location, "shape": unexplained::shape(&r.shape, r.unit)}));
     let pattern = |p: &deltatwin::comparison::Finding| json!({"channel": p.channel.to_string(), "place": p.place, "share": p.share, "sentence": p.sentence});
     let patterns = d.left.patterns.iter().map(pattern).collect::<Vec<_>>();
-    json!({"channels": channels.into_iter().map(channel).collect::<Vec<_>>(), "looks": looks, "patterns": patterns})
+    json!({"channels": channels.into_iter().map(channel).collect::<Vec<_>>(), "looks": looks, "patterns": patterns, "is_noise": d.left.is_noise})
 }
 
 fn effect(e: &Named) -> Value {

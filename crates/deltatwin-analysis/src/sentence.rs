@@ -110,5 +110,12 @@ fn much(d: &Diagnosis) -> String {
     let coarse = d.smoothing.map_or_else(String::new, |time| {
         format!(", in part from coarse angles (smoothed over {} ms)", significant(1e3 * time, 2))
     });
-    format!("{} times the noise is left on {}{others}{coarse}", significant(*ratio, 2), worst.title(d.model.mechanism))
+    let (noise, memory) = match d.left.is_noise {
+        true => {
+            ("white noise", ": noise with a memory that follows neither place nor motion; what is smaller hides in it")
+        }
+        false => ("noise", ""),
+    };
+    let (ratio, worst) = (significant(*ratio, 2), worst.title(d.model.mechanism));
+    format!("{ratio} times the {noise} is left on {worst}{others}{coarse}{memory}")
 }

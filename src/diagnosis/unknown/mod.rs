@@ -3,6 +3,7 @@
 
 pub mod library;
 mod matching_pursuit;
+mod relation;
 mod shape;
 mod sight;
 
@@ -13,8 +14,9 @@ pub use sight::Sight;
 use std::sync::Arc;
 
 use super::fitting::{Fitting, Stage};
-use super::judge::{Judge, Judged, is_relevant, relative_energy, wanders_in};
+use super::judge::{Judge, Judged, UNEXPLAINED, is_relevant, relative_energy, wanders_in};
 use super::left::Rest;
+use super::orders;
 use super::search::Found as Outcome;
 use crate::effects::formula::{Formula, NAME, Place, Term, Variable};
 use crate::effects::{ActiveEffect, Param};
@@ -24,6 +26,7 @@ use crate::machine::Unit;
 use crate::model::Model;
 use library::{Atom, Cover, harmonic_disturbances, library};
 use matching_pursuit::{Formulation, Found, Pursuit, gain};
+use relation::Seen;
 
 /// Share of the explainable error left by named effects, relative to a formula at one place without them, above which
 /// they are replaced; the shapes of their laws may differ slightly from the library's.
@@ -198,6 +201,22 @@ fn is_confirmed(without: &Judged, with: &Judged, judge: &Judge) -> Result<bool, 
         && is_relevant(&before, &after)
         && !wanders_in(judge.data(), without, with)
         && !judge.fitting.wanders(&without.fit, &with.fit)?)
+}
+
+/// Whether what a fit leaves above the noise of some channel is related to the motion, or to the angle of its motor, on the
+/// validation data.
+pub(super) fn is_related(judged: &Judged, judge: &Judge) -> Result<bool, FitError> {
+    let search = Search::new(judged, judge)?;
+    let found = Seen { sight: &search.find, instants: &search.found };
+    let held_out = Seen { sight: search.judge.as_ref().unwrap_or(&search.find), instants: &search.judged };
+    let (model, data) = (&judged.fit.model, judge.data());
+    let has_line = |c: usize| {
+        let arm = data[0].channels[c].drive().filter(|i| *i < model.mechanism.arms());
+        let line = arm.and_then(|arm| orders::strongest(model, &judged.residuals, data, arm));
+        line.is_some_and(|line| line.share >= relation::SHARE)
+    };
+    let mut above = (0..judge.floor.len()).filter(|&c| judged.rms()[c] > UNEXPLAINED * judge.floor[c]);
+    Ok(above.any(|c| relation::is_related(found, held_out, c) || has_line(c)))
 }
 
 /// What is left of a fit on a drive in the data to judge by, where no formula explains it; none without data there.

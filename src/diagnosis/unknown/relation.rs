@@ -1,0 +1,249 @@
+//! Whether a residual is related to the motion, or noise with a memory.
+//!
+//! A law that acts on the machine makes a residual that the motion predicts, or at least one that is larger where the machine
+//! moves more. Noise of a sensor does neither, whatever its spectrum. A sum of functions, one of each angle, rate,
+//! acceleration, coordinate of the platform and predicted torque, is fitted to one part of the data by penalised least squares [Hastie 1986]
+//! and predicts the other.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::matching_pursuit::gain;
+use super::sight::Sight;
+use crate::effects::formula::Variable;
+
+/// Share of the energy above the noise that the motion must predict or redistribute, for it to be a relation.
+pub const SHARE: f64 = 0.1;
+/// Student's t over blocks of time required of a prediction.
+const SURE: f64 = 3.0;
+/// Rank correlation between energy and intensity of the motion that is a relation, and its standard errors.
+const RANKED: (f64, f64) = (0.2, 4.0);
+/// Nodes of the function of one quantity, at equal counts.
+const NODES: usize = 25;
+/// Penalties that are compared, relative to the mean weight of a node.
+const PENALTIES: [f64; 5] = [0.01, 0.1, 1.0, 10.0, 100.0];
+/// Parts of the data that are left out one after another to choose the penalty, and runs of each of them.
+const PARTS: usize = 4;
+const RUNS: usize = 8;
+/// Instants of a block of time.
+const BLOCK: usize = 50;
+
+/// What is seen of a residual at some instants.
+#[derive(Clone, Copy)]
+pub struct Seen<'a> {
+    /// Residual and variables.
+    pub sight: &'a Sight,
+    /// The instants, ascending.
+    pub instants: &'a [usize],
+}
+
+impl Seen<'_> {
+    fn residual(&self, channel: usize) -> Vec<f64> {
+        self.instants.iter().map(|&k| self.sight.residual[channel][k]).collect()
+    }
+}
+
+/// Whether the residual of a channel is related to the motion: what is `found` of it predicts what is `judged`.
+pub fn is_related(found: Seen, judged: Seen, channel: usize) -> bool {
+    let predicted = Functions::new(found).fit(found, channel).predict(judged);
+    let residual = judged.residual(channel);
+    let rest: Vec<f64> = residual.iter().zip(&predicted).map(|(r, p)| r - p).collect();
+    let energy = |x: &[f64]| -> Vec<f64> { x.chunks(BLOCK).map(|b| b.iter().map(|x| x * x).sum()).collect() };
+    let (before, after) = (energy(&residual), energy(&rest));
+    let (explained, t) = gain(&before, &after);
+    // The noise has the mean square 1.
+    let excess = before.iter().sum::<f64>() - residual.len() as f64;
+    (explained >= SHARE * excess && t >= SURE) || is_louder_in_motion(judged, &before)
+}
+
+/// Whether the energy per block is larger, or smaller, where an axis moves or accelerates more.
+fn is_louder_in_motion(seen: Seen, energy: &[f64]) -> bool {
+    let loud = ranks(energy);
+    let least = RANKED.0.max(RANKED.1 / (energy.len() as f64).sqrt());
+    let follows = |variable: Variable| {
+        let x = &seen.sight.variables[variable.index()];
+        let square = |block: &[usize]| block.iter().map(|&k| x[k] * x[k]).sum::<f64>();
+        let moved: Vec<f64> = seen.instants.chunks(BLOCK).map(square).collect();
+        correlation(&ranks(&moved), &loud).abs() >= least
+    };
+    Variable::names().filter(|name| name.starts_with("qd")).filter_map(Variable::named).any(follows)
+}
+
+/// Correlation coefficient of two series; zero if one of them is constant.
+fn correlation(x: &[f64], y: &[f64]) -> f64 {
+    let about_mean = |x: &[f64]| {
+        let mean = x.iter().sum::<f64>() / x.len().max(1) as f64;
+        DVector::from_iterator(x.len(), x.iter().map(|v| v - mean))
+    };
+    let (x, y) = (about_mean(x), about_mean(y));
+    let size = x.norm() * y.norm();
+    if size > 0.0 { x.dot(&y) / size } else { 0.0 }
+}
+
+/// Number of smaller values of each value.
+fn ranks(x: &[f64]) -> Vec<f64> {
+    let mut sorted = x.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    x.iter().map(|v| sorted.partition_point(|other| other < v) as f64).collect()
+}
+
+/// Piecewise linear functions of quantities of the motion.
+struct Functions {
+    /// Variables, with the nodes of their functions in ascending order.
+    all: Vec<(usize, Vec<f64>)>,
+}
+
+/// Functions with their values at the nodes.
+struct Fitted<'a> {
+    functions: &'a Functions,
+    values: DVector<f64>,
+}
+
+impl Functions {
+    fn new(Seen { sight, instants }: Seen) -> Self {
+        let of = |name: &str| {
+            let variable = Variable::named(name)?.index();
+            let mut x: Vec<f64> = instants.iter().map(|&k| sight.variables[variable][k]).collect();
+            x.sort_by(f64::total_cmp);
+            let mut nodes: Vec<f64> =
+                (0..NODES).filter_map(|i| x.get(i * (x.len() - 1) / (NODES - 1)).copied()).collect();
+            nodes.dedup();
+            (nodes.len() > 2).then_some((variable, nodes))
+        };
+        let is_motion = |name: &&str| name.starts_with(['q', 'x', 'y', 'z']) || name.starts_with("tau");
+        Self { all: Variable::names().filter(is_motion).filter_map(of).collect() }
+    }
+
+    fn len(&self) -> usize {
+        self.all.iter().map(|(_, nodes)| nodes.len()).sum()
+    }
+
+    /// Nodes next to an instant with their weights.
+    fn row(&self, sight: &Sight, k: usize) -> Vec<(usize, f64)> {
+        let mut from = 0;
+        let mut row = Vec::with_capacity(2 * self.all.len());
+        for (variable, nodes) in &self.all {
+            let x = sight.variables[*variable][k].clamp(nodes[0], nodes[nodes.len() - 1]);
+            let i = nodes.partition_point(|node| *node <= x).clamp(1, nodes.len() - 1);
+            let part = (x - nodes[i - 1]) / (nodes[i] - nodes[i - 1]);
+            row.extend([(from + i - 1, 1.0 - part), (from + i, part)]);
+            from += nodes.len();
+        }
+        row
+    }
+
+    /// Fit to the residual of a channel with the penalty that predicts parts best that were left out.
+    fn fit(&self, Seen { sight, instants }: Seen, channel: usize) -> Fitted<'_> {
+        let n = self.len();
+        let part = |i: usize| i * RUNS * PARTS / instants.len().max(1) % PARTS;
+        let mut sums = vec![(DMatrix::zeros(n, n), DVector::zeros(n)); PARTS];
+        for (i, &k) in instants.iter().enumerate() {
+            let row = self.row(sight, k);
+            let (gram, right) = &mut sums[part(i)];
+            for &(a, x) in &row {
+                right[a] += x * sight.residual[channel][k];
+                row.iter().for_each(|&(b, y)| gram[(a, b)] += x * y);
+            }
+        }
+        let weight = instants.len() as f64 / NODES as f64;
+        let solve = |without: Option<usize>, penalty: f64| {
+            let mut gram = DMatrix::from_diagonal_element(n, n, penalty * weight);
+            let mut right = DVector::zeros(n);
+            for (_, (g, r)) in sums.iter().enumerate().filter(|(p, _)| Some(*p) != without) {
+                gram += g;
+                right += r;
+            }
+            gram.cholesky().map_or_else(|| DVector::zeros(n), |root| root.solve(&right))
+        };
+        // ‖r − X·v‖² = rᵀr − 2·vᵀXᵀr + vᵀXᵀX·v
+        let error = |penalty: f64| -> f64 {
+            let left_out = |(p, (gram, right)): (usize, &(DMatrix<f64>, DVector<f64>))| {
+                let v = solve(Some(p), penalty);
+                v.dot(&(gram * &v)) - 2.0 * v.dot(right)
+            };
+            sums.iter().enumerate().map(left_out).sum()
+        };
+        let best = PENALTIES.into_iter().map(|p| (error(p), p)).min_by(|a, b| a.0.total_cmp(&b.0));
+        let values = best.map_or_else(|| DVector::zeros(n), |(_, penalty)| solve(None, penalty));
+        Fitted { functions: self, values }
+    }
+}
+
+impl Fitted<'_> {
+    fn predict(&self, Seen { sight, instants }: Seen) -> Vec<f64> {
+        let at = |&k: &usize| self.functions.row(sight, k).into_iter().map(|(i, w)| w * self.values[i]).sum();
+        instants.iter().map(at).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    const LEN: usize = 16_000;
+
+    /// Two motions of three incommensurate frequencies at 500 Hz, seen one after the other, with a residual of them.
+    fn sight(residual: impl Fn(usize, &dyn Fn(&str) -> f64) -> f64) -> Sight {
+        let index = |name: &str| Variable::named(name).expect("a variable").index();
+        let mut sight = Sight { variables: vec![vec![0.0; LEN]; 40], recording: vec![0; LEN], ..Sight::default() };
+        for k in 0..LEN {
+            let t = k as f64 * 2e-3 + if k < LEN / 2 { 0.0 } else { 31.0 };
+            for axis in 0..3 {
+                for (a, w) in [(0.4, 3.1), (0.2, 7.3), (0.05, 19.7)] {
+                    let (sin, cos) = (w * t * (1.0 + 0.13 * axis as f64)).sin_cos();
+                    sight.variables[index(&format!("q{}", axis + 1))][k] += a * sin;
+                    sight.variables[index(&format!("qd{}", axis + 1))][k] += a * w * cos;
+                    sight.variables[index(&format!("qdd{}", axis + 1))][k] -= a * w * w * sin;
+                }
+            }
+        }
+        let at = |k: usize| residual(k, &|name| sight.variables[index(name)][k]);
+        sight.residual = vec![(0..LEN).map(at).collect()];
+        sight
+    }
+
+    fn related(sight: &Sight) -> bool {
+        let instants: Vec<usize> = (0..LEN).collect();
+        let (found, judged) = instants.split_at(LEN / 2);
+        is_related(Seen { sight, instants: found }, Seen { sight, instants: judged }, 0)
+    }
+
+    /// Noise of unit variance that is an AR(1) process with coefficient `memory`.
+    fn noise(memory: f64, seed: u64) -> Vec<f64> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut last = 0.0;
+        let next = |_| {
+            let drawn: f64 = StandardNormal.sample(&mut rng);
+            last = memory * last + (1.0f64 - memory * memory).sqrt() * drawn;
+            last
+        };
+        (0..LEN).map(next).collect()
+    }
+
+    /// Correlation times of 2 ms (white) to 50 ms, at three times the noise floor.
+    #[test]
+    fn noise_is_not_related_whatever_its_memory() {
+        for memory in [0.0, 0.6, 0.9, 0.96] {
+            let false_alarms = (0..20).filter(|&seed| {
+                let e = noise(memory, seed);
+                related(&sight(|k, _| 3.0 * e[k]))
+            });
+            assert!(false_alarms.count() <= 1, "{memory}");
+        }
+    }
+
+    /// A quarter of the variance above the floor: a bump over the angle, a product that no function of one quantity contains,
+    /// and noise that grows with the speed.
+    #[test]
+    fn laws_are_related_below_other_noise() {
+        let e = noise(0.9, 7);
+        let bump = sight(|k, at| 1.7 * e[k] + 6.0 * (-((at("q1") - 0.2) / 0.07).powi(2)).exp());
+        assert!(related(&bump));
+        let product = sight(|k, at| 1.7 * e[k] + 0.6 * at("qd2") * at("qd3"));
+        assert!(related(&product));
+        let loud = sight(|k, at| e[k] * (0.5 + 0.6 * at("qd3").abs()));
+        assert!(related(&loud));
+    }
+}
