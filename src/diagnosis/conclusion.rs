@@ -13,6 +13,7 @@ use super::experiment::NextExperiment;
 use super::judge::{Judge, Judged, relative_energy};
 use super::left::Left;
 use super::problem;
+use super::search::lag::DELAY;
 use super::search::{Found, without_effects};
 use super::unknown::{self, Unexplained};
 use crate::effects::{self, ActiveEffect};
@@ -24,8 +25,12 @@ use crate::model::Model;
 /// Share of the explainable error left by the named effects above which an unknown effect is concluded.
 const MAX_LEFT: f64 = 0.5;
 
-/// Share of the explainable error that a formula must explain more than the named effects, to lower their probability.
-const EXPLAINS_MORE: f64 = 0.1;
+/// Share of the explainable error that named effects must leave, to a formula or unexplained, to lower their probability.
+const LEAVES_MORE: f64 = 0.1;
+
+/// Effects on the time of the torques. Shorter than [`HIDDEN`] of the time over which the angles are smoothed, they look alike.
+const TIMES: [&str; 2] = [DELAY, "torque_filter"];
+const HIDDEN: f64 = 0.25;
 
 /// Conclusion about the model.
 pub(super) struct Conclusion {
@@ -40,6 +45,10 @@ pub(super) struct Conclusion {
     pub unexplained: Option<Unexplained>,
     /// Effects and steps not tried for lack of time.
     pub not_tried: Vec<String>,
+    /// Share of the explainable error that they leave on the validation data.
+    left: f64,
+    /// Whether the residual on the validation data exceeds the noise clearly.
+    is_more_than_noise: bool,
     /// Whether what is left above the noise is noise with a memory.
     pub leaves_noise: bool,
 }
@@ -48,10 +57,14 @@ impl Conclusion {
     /// Conclusion from the outcome of a search.
     pub fn new(found: &Found, judge: &Judge) -> Result<Self, DiagnosisError> {
         let effects = named(found, &judge.floor)?;
-        let indistinguishable = indistinguishable(found);
+        let indistinguishable = indistinguishable(found, judge.fitting.datasets);
         let leaves_more = judge.leaves_more(&found.end);
-        let rms = [found.start.rms(), found.end.rms(), &judge.floor];
-        let verdict = verdict(effects.len(), rms, leaves_more, !indistinguishable.is_empty());
+        let is_more_than_noise = judge.is_more_than_noise(found.end.rms());
+        let left = left([found.start.rms(), found.end.rms(), &judge.floor]);
+        let verdict = match effects.len() {
+            n if leaves_more && (n == 0 || left > MAX_LEFT) => Verdict::Unknown,
+            n => verdict_of_names(n, !indistinguishable.is_empty()),
+        };
         let (end, mut not_tried) = (found.end.clone(), found.not_tried.clone());
         if judge.fitting.was_stopped() {
             not_tried.push("the last steps of a fit".into());
@@ -59,7 +72,17 @@ impl Conclusion {
         // What was not tried may explain what is left.
         let is_open = !not_tried.is_empty() && matches!(verdict, Verdict::None | Verdict::Unknown);
         let verdict = if is_open { Verdict::Undecided } else { verdict };
-        Ok(Self { verdict, effects, indistinguishable, end, unexplained: None, not_tried, leaves_noise: false })
+        Ok(Self {
+            verdict,
+            effects,
+            indistinguishable,
+            end,
+            unexplained: None,
+            not_tried,
+            left,
+            is_more_than_noise,
+            leaves_noise: false,
+        })
     }
 
     /// Replaces or supplements the named effects by a formula that explains more, if there is one.
@@ -81,9 +104,9 @@ impl Conclusion {
     /// # Errors
     /// If a pose is impossible for the model.
     pub fn weigh_the_rest(&mut self, judge: &Judge) -> Result<(), FitError> {
-        let is_open = self.verdict == Verdict::Unknown && self.unexplained.is_none();
+        let is_open = self.is_more_than_noise && self.left > LEAVES_MORE && self.unexplained.is_none();
         self.leaves_noise = is_open && !unknown::is_related(&self.end, judge)?;
-        if self.leaves_noise {
+        if self.leaves_noise && self.verdict == Verdict::Unknown {
             self.verdict = verdict_of_names(self.effects.len(), !self.indistinguishable.is_empty());
         }
         Ok(())
@@ -95,8 +118,9 @@ impl Conclusion {
         if self.verdict == Verdict::None && !self.not_tried.is_empty() {
             self.verdict = Verdict::Undecided;
         }
-        // A formula that explains more stands for another law: the names have the share of the error that they explain.
-        let certain = self.unexplained.as_ref().map_or(1.0, |formula| share_of_names(formula.left));
+        // What a formula explains more, or nothing does, stands for another law: the names have the share that they explain.
+        let unexplained = if self.is_more_than_noise && !self.leaves_noise { self.left } else { 0.0 };
+        let certain = share_of_names(self.unexplained.as_ref().map_or(unexplained, |formula| formula.left));
         for named in &mut self.effects {
             // With an unknown effect present, the probability of a name is limited by its explained share.
             let is_open = matches!(self.verdict, Verdict::Unknown | Verdict::Undecided);
@@ -179,9 +203,9 @@ impl Conclusion {
     }
 }
 
-/// Factor of the probability of names that leave the share `left` of what a formula explains.
+/// Factor of the probability of names that leave the share `left` of the explainable error.
 fn share_of_names(left: f64) -> f64 {
-    if left >= EXPLAINS_MORE { 1.0 - left } else { 1.0 }
+    if left >= LEAVES_MORE { 1.0 - left.min(1.0) } else { 1.0 }
 }
 
 /// Names of the effects that the data could not reveal at their usual size, those that exist in the twin only last.
@@ -208,22 +232,31 @@ fn named(found: &Found, floor: &[f64]) -> Result<Vec<Named>, DiagnosisError> {
 }
 
 /// Sets of more than one effect that the data cannot distinguish.
-fn indistinguishable(found: &Found) -> Vec<Vec<String>> {
+fn indistinguishable(found: &Found, datasets: &[Dataset]) -> Vec<Vec<String>> {
+    let candidates = &found.problem.candidates;
+    let smoothing = datasets.iter().filter_map(Dataset::smoothing).fold(0.0, f64::max);
+    let is_hidden = |name: &str| {
+        let active = found.end.fit.model.effects.iter().find(|a| a.effect.name() == name);
+        TIMES.contains(&name) && active.is_some_and(|a| a.values[0].abs() < HIDDEN * smoothing)
+    };
     let set = |finding: &Finding| {
-        let own = &found.problem.candidates[finding.chosen.candidate].name;
+        let own = &candidates[finding.chosen.candidate].name;
         let rivals = finding.ranking.confidence_set().into_iter().map(|a| &a.name).filter(|name| *name != own);
-        std::iter::once(own).chain(rivals).cloned().collect::<Vec<String>>()
+        let mut set: Vec<String> = std::iter::once(own).chain(rivals).cloned().collect();
+        if is_hidden(own) {
+            let others = candidates.iter().map(|c| &c.name).filter(|name| TIMES.contains(&name.as_str()));
+            let others: Vec<String> = others.filter(|name| !set.contains(name)).cloned().collect();
+            set.extend(others);
+        }
+        set
     };
     found.outcome.findings.iter().map(set).filter(|set| set.len() > 1).collect()
 }
 
-fn verdict(named: usize, [before, after, floor]: [&[f64]; 3], leaves_more: bool, is_ambiguous: bool) -> Verdict {
+/// Share of the excess of the RMS residuals `before` over the noise floor that is left `after`.
+fn left([before, after, floor]: [&[f64]; 3]) -> f64 {
     let excess = |rms: &[f64]| relative_energy(rms, floor) - floor.len() as f64;
-    let left = excess(after) / excess(before).max(f64::MIN_POSITIVE);
-    match named {
-        n if leaves_more && (n == 0 || left > MAX_LEFT) => Verdict::Unknown,
-        _ => verdict_of_names(named, is_ambiguous),
-    }
+    excess(after) / excess(before).max(f64::MIN_POSITIVE)
 }
 
 /// Verdict where everything but noise is explained by `named` effects.
@@ -265,7 +298,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_name_is_less_likely_where_a_formula_explains_a_tenth_more() {
+    fn a_name_is_less_likely_where_a_tenth_is_left() {
         assert_eq!(share_of_names(0.09), 1.0);
         approx::assert_relative_eq!(share_of_names(0.2), 0.8);
     }

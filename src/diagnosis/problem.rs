@@ -55,8 +55,8 @@ const SLOWEST_RINGING: f64 = 4e-3;
 
 /// Effects that the model lacks on the mounted parts of the machine and that the data resolve, each with its initial
 /// shapes; cogging at the orders in the residuals of `fit`, if there are any. Laws of the motor angle are left out if the
-/// motor hardly turns, because they then resemble gravity and springs, and filters of the torque where coarse angles are
-/// smoothed over a longer time than reversals take, because the torque is not. `others` are effects outside the registry.
+/// motor hardly turns, because they then resemble gravity and springs, and filters of the torque where the motion is
+/// smoothed at reversals, because the torque is not. `others` are effects outside the registry.
 pub fn absent(
     model: &Model,
     fit: &Fit,
@@ -69,7 +69,7 @@ pub fn absent(
     let turns = orders::motor_turns(model, datasets);
     let of_motor = |e: &dyn effects::Effect| e.parameters().iter().any(|p| p.unit == Unit::GearRatio);
     let testable = testable.filter(|e| turns >= LEAST_TURNS || !of_motor(&**e));
-    let is_smoothed = datasets.iter().any(Dataset::blurs_reversals);
+    let is_smoothed = datasets.iter().any(Dataset::smooths_reversals);
     let filters =
         |a: &ActiveEffect| a.effect.sensor().is_some_and(|sensor| sensor.memory(&a.at_nominal_size().values()) > 0.0);
     let testable = testable.map(|e| variants(model, e)).filter(|shapes| !(is_smoothed && filters(&shapes[0])));

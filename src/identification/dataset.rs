@@ -267,6 +267,11 @@ impl Dataset {
         self.is_coarse() || self.dt > SLOW
     }
 
+    /// Whether the motion is smoothed at reversals that the dataset contains, while the torques are not.
+    pub fn smooths_reversals(&self) -> bool {
+        self.blurs_reversals() && (self.dt > SLOW || self.left_out == 0.0 || self.mechanism.axes() == 1)
+    }
+
     /// Whether the angles of an axis are so coarse that its reversals are not resolved.
     fn is_coarse(&self) -> bool {
         self.half_width.iter().any(|m| *m > MIN_HALF_WIDTH && *m as f64 * self.dt > RESOLVED)

@@ -68,13 +68,15 @@ impl Formulation {
 }
 
 /// One set of data with the model's parameters projected out.
-struct Ground<'a> {
-    sight: &'a Sight,
-    instants: Vec<usize>,
+pub struct Ground<'a> {
+    /// What is seen.
+    pub sight: &'a Sight,
+    /// The instants, ascending.
+    pub instants: Vec<usize>,
     /// Orthonormal columns, channel by channel over `instants`.
     basis: Vec<Vec<f64>>,
     /// Residual outside the basis.
-    residual: Vec<f64>,
+    pub residual: Vec<f64>,
     /// Channels affected by a force at each place.
     acting: Vec<Vec<usize>>,
 }
@@ -83,7 +85,8 @@ struct Ground<'a> {
 type Column = Vec<f64>;
 
 impl<'a> Ground<'a> {
-    fn new(sight: &'a Sight, instants: Vec<usize>) -> Self {
+    /// Residual of `sight` at the instants outside the columns of its parameters.
+    pub fn new(sight: &'a Sight, instants: Vec<usize>) -> Self {
         let channels = sight.residual.len();
         let gather = |all: &[Vec<f64>]| -> Vec<f64> {
             (0..channels).flat_map(|c| instants.iter().map(move |&k| all[c][k])).collect()

@@ -25,8 +25,7 @@ use crate::identification::{Dataset, Fit, Residuals};
 use crate::machine::Unit;
 use crate::model::Model;
 use library::{Atom, Cover, harmonic_disturbances, library};
-use matching_pursuit::{Formulation, Found, Pursuit, gain};
-use relation::Seen;
+use matching_pursuit::{Formulation, Found, Ground, Pursuit, gain};
 
 /// Share of the explainable error left by named effects, relative to a formula at one place without them, above which
 /// they are replaced; the shapes of their laws may differ slightly from the library's.
@@ -207,8 +206,8 @@ fn is_confirmed(without: &Judged, with: &Judged, judge: &Judge) -> Result<bool, 
 /// validation data.
 pub(super) fn is_related(judged: &Judged, judge: &Judge) -> Result<bool, FitError> {
     let search = Search::new(judged, judge)?;
-    let found = Seen { sight: &search.find, instants: &search.found };
-    let held_out = Seen { sight: search.judge.as_ref().unwrap_or(&search.find), instants: &search.judged };
+    let found = Ground::new(&search.find, search.found.clone());
+    let held_out = Ground::new(search.judge.as_ref().unwrap_or(&search.find), search.judged.clone());
     let (model, data) = (&judged.fit.model, judge.data());
     let has_line = |c: usize| {
         let arm = data[0].channels[c].drive().filter(|i| *i < model.mechanism.arms());
@@ -216,7 +215,7 @@ pub(super) fn is_related(judged: &Judged, judge: &Judge) -> Result<bool, FitErro
         line.is_some_and(|line| line.share >= relation::SHARE)
     };
     let mut above = (0..judge.floor.len()).filter(|&c| judged.rms()[c] > UNEXPLAINED * judge.floor[c]);
-    Ok(above.any(|c| relation::is_related(found, held_out, c) || has_line(c)))
+    Ok(above.any(|c| relation::is_related(&found, &held_out, c) || has_line(c)))
 }
 
 /// What is left of a fit on a drive in the data to judge by, where no formula explains it; none without data there.

@@ -2,13 +2,14 @@
 //!
 //! A law that acts on the machine makes a residual that the motion predicts, or at least one that is larger where the machine
 //! moves more. Noise of a sensor does neither, whatever its spectrum. A sum of functions, one of each angle, rate,
-//! acceleration, coordinate of the platform and predicted torque, is fitted to one part of the data by penalised least squares [Hastie 1986]
-//! and predicts the other.
+//! acceleration, coordinate of the platform and predicted torque, is fitted to one part of the data by penalised least
+//! squares [Hastie 1986] and predicts the other.
 
 use nalgebra::{DMatrix, DVector};
 
-use super::matching_pursuit::gain;
+use super::matching_pursuit::{Ground, gain};
 use super::sight::Sight;
+use crate::diagnosis::judge::UNEXPLAINED;
 use crate::effects::formula::Variable;
 
 /// Share of the energy above the noise that the motion must predict or redistribute, for it to be a relation.
@@ -17,6 +18,8 @@ pub const SHARE: f64 = 0.1;
 const SURE: f64 = 3.0;
 /// Rank correlation between energy and intensity of the motion that is a relation, and its standard errors.
 const RANKED: (f64, f64) = (0.2, 4.0);
+/// Ratio of the energies above the noise in two motions that noise does not reach.
+const LOUDER: f64 = 2.5;
 /// Nodes of the function of one quantity, at equal counts.
 const NODES: usize = 25;
 /// Penalties that are compared, relative to the mean weight of a node.
@@ -27,36 +30,42 @@ const RUNS: usize = 8;
 /// Instants of a block of time.
 const BLOCK: usize = 50;
 
-/// What is seen of a residual at some instants.
-#[derive(Clone, Copy)]
-pub struct Seen<'a> {
-    /// Residual and variables.
-    pub sight: &'a Sight,
-    /// The instants, ascending.
-    pub instants: &'a [usize],
-}
-
-impl Seen<'_> {
-    fn residual(&self, channel: usize) -> Vec<f64> {
-        self.instants.iter().map(|&k| self.sight.residual[channel][k]).collect()
+/// Whether the residual of a channel is related to the motion: what is `found` of it predicts what is `judged`, beyond what
+/// errors of the model's parameters explain there; or it is louder in one motion than in the other.
+pub fn is_related(found: &Ground, judged: &Ground, channel: usize) -> bool {
+    let residual = of(judged, channel);
+    let before = energies(residual);
+    let [excess, fitted] = [excess(residual), excess(of(found, channel))];
+    let least = UNEXPLAINED.powi(2) - 1.0;
+    if excess <= least {
+        return false;
     }
+    let predicted = Functions::new(found).fit(found, channel).predict(judged);
+    let rest: Vec<f64> = residual.iter().zip(&predicted).map(|(r, p)| r - p).collect();
+    let (explained, t) = gain(&before, &energies(&rest));
+    let is_predicted = explained >= SHARE * excess * residual.len() as f64 && t >= SURE;
+    let is_alike = excess <= LOUDER * fitted.max(least) && fitted <= LOUDER * excess;
+    is_predicted || !is_alike || is_louder_in_motion(judged, &before)
 }
 
-/// Whether the residual of a channel is related to the motion: what is `found` of it predicts what is `judged`.
-pub fn is_related(found: Seen, judged: Seen, channel: usize) -> bool {
-    let predicted = Functions::new(found).fit(found, channel).predict(judged);
-    let residual = judged.residual(channel);
-    let rest: Vec<f64> = residual.iter().zip(&predicted).map(|(r, p)| r - p).collect();
-    let energy = |x: &[f64]| -> Vec<f64> { x.chunks(BLOCK).map(|b| b.iter().map(|x| x * x).sum()).collect() };
-    let (before, after) = (energy(&residual), energy(&rest));
-    let (explained, t) = gain(&before, &after);
-    // The noise has the mean square 1.
-    let excess = before.iter().sum::<f64>() - residual.len() as f64;
-    (explained >= SHARE * excess && t >= SURE) || is_louder_in_motion(judged, &before)
+/// Sums of squares of a residual over blocks of time.
+fn energies(residual: &[f64]) -> Vec<f64> {
+    residual.chunks(BLOCK).map(|block| block.iter().map(|x| x * x).sum()).collect()
+}
+
+/// Mean square of a residual above the noise, which has 1.
+fn excess(residual: &[f64]) -> f64 {
+    residual.iter().map(|x| x * x).sum::<f64>() / residual.len().max(1) as f64 - 1.0
+}
+
+/// Residual of a channel.
+fn of<'a>(ground: &'a Ground, channel: usize) -> &'a [f64] {
+    let n = ground.instants.len();
+    &ground.residual[channel * n..(channel + 1) * n]
 }
 
 /// Whether the energy per block is larger, or smaller, where an axis moves or accelerates more.
-fn is_louder_in_motion(seen: Seen, energy: &[f64]) -> bool {
+fn is_louder_in_motion(seen: &Ground, energy: &[f64]) -> bool {
     let loud = ranks(energy);
     let least = RANKED.0.max(RANKED.1 / (energy.len() as f64).sqrt());
     let follows = |variable: Variable| {
@@ -99,7 +108,7 @@ struct Fitted<'a> {
 }
 
 impl Functions {
-    fn new(Seen { sight, instants }: Seen) -> Self {
+    fn new(Ground { sight, instants, .. }: &Ground) -> Self {
         let of = |name: &str| {
             let variable = Variable::named(name)?.index();
             let mut x: Vec<f64> = instants.iter().map(|&k| sight.variables[variable][k]).collect();
@@ -132,15 +141,16 @@ impl Functions {
     }
 
     /// Fit to the residual of a channel with the penalty that predicts parts best that were left out.
-    fn fit(&self, Seen { sight, instants }: Seen, channel: usize) -> Fitted<'_> {
-        let n = self.len();
+    fn fit(&self, found: &Ground, channel: usize) -> Fitted<'_> {
+        let (n, Ground { sight, instants, .. }) = (self.len(), found);
+        let residual = of(found, channel);
         let part = |i: usize| i * RUNS * PARTS / instants.len().max(1) % PARTS;
         let mut sums = vec![(DMatrix::zeros(n, n), DVector::zeros(n)); PARTS];
-        for (i, &k) in instants.iter().enumerate() {
+        for (i, (&k, r)) in instants.iter().zip(residual).enumerate() {
             let row = self.row(sight, k);
             let (gram, right) = &mut sums[part(i)];
             for &(a, x) in &row {
-                right[a] += x * sight.residual[channel][k];
+                right[a] += x * r;
                 row.iter().for_each(|&(b, y)| gram[(a, b)] += x * y);
             }
         }
@@ -169,7 +179,7 @@ impl Functions {
 }
 
 impl Fitted<'_> {
-    fn predict(&self, Seen { sight, instants }: Seen) -> Vec<f64> {
+    fn predict(&self, Ground { sight, instants, .. }: &Ground) -> Vec<f64> {
         let at = |&k: &usize| self.functions.row(sight, k).into_iter().map(|(i, w)| w * self.values[i]).sum();
         instants.iter().map(at).collect()
     }
@@ -205,9 +215,8 @@ mod tests {
     }
 
     fn related(sight: &Sight) -> bool {
-        let instants: Vec<usize> = (0..LEN).collect();
-        let (found, judged) = instants.split_at(LEN / 2);
-        is_related(Seen { sight, instants: found }, Seen { sight, instants: judged }, 0)
+        let [found, judged] = [0..LEN / 2, LEN / 2..LEN].map(|range| Ground::new(sight, range.collect()));
+        is_related(&found, &judged, 0)
     }
 
     /// Noise of unit variance that is an AR(1) process with coefficient `memory`.
