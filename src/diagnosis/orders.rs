@@ -48,13 +48,18 @@ pub(super) fn motor_turns(model: &Model, datasets: &[Dataset]) -> f64 {
     (0..model.mechanism.arms()).map(turns).fold(0.0, f64::max)
 }
 
+/// Order and share of the strongest line of the residual of arm drive `arm` over its angle; `None` without a line.
+pub(super) fn line(model: &Model, residuals: &Residuals, datasets: &[Dataset], arm: usize) -> Option<(f64, f64)> {
+    over_motor(residuals, datasets, arm, model.drives[arm].gear_ratio).orders(true).first().copied()
+}
+
 /// The strongest line of the residual of arm drive `arm` over its angle, as a pattern; `None` without a line.
 pub(super) fn strongest(model: &Model, residuals: &Residuals, datasets: &[Dataset], arm: usize) -> Option<Finding> {
-    let (order, share) =
-        over_motor(residuals, datasets, arm, model.drives[arm].gear_ratio).orders(true).first().copied()?;
+    let (order, share) = line(model, residuals, datasets, arm)?;
     let channel = datasets[0].channels[arm];
     let sentence = format!(
-        "{channel}: {:.0} % of the residual lies at order {} of the motor turn",
+        "{}: {:.0} % of the residual lies at order {} of the motor turn",
+        channel.title(model.mechanism),
         100.0 * share,
         significant(order, 4)
     );

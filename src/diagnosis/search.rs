@@ -5,6 +5,7 @@
 
 pub(super) mod lag;
 
+mod alone;
 mod fits;
 mod models;
 mod pairs;
@@ -125,6 +126,7 @@ fn find_along(
                             search.try_pairs(progress)?;
                         }
                         let best = search.better_of(standing);
+                        let best = search.or_alone(best, progress)?;
                         return Ok(search.found(best));
                     }
                     Err(name) => name,

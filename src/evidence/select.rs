@@ -73,6 +73,18 @@ pub fn select(problem: &Problem, settings: &Settings) -> Result<Outcome, Error> 
     select_with(problem, settings, NEVER, |_, _| Ok(Refit::Same), false, &[])
 }
 
+/// Outcome with one effect, significant or not, in the problem `refitted` with it.
+///
+/// # Errors
+/// As [`evaluate()`].
+pub fn single(refitted: Problem, chosen: Chosen, settings: &Settings) -> Result<Outcome, Error> {
+    let ranking = evaluate_for(&refitted, &[], Some(chosen.candidate), settings)?;
+    let remaining = evaluate(&refitted, &[chosen], settings)?;
+    let findings = vec![Finding { chosen, ranking, as_stated: false }];
+    let refitted = Some(refitted);
+    Ok(Outcome { steps: Vec::new(), findings, removed: Vec::new(), remaining, refitted, cut_short: false, rankings: 2 })
+}
+
 /// Selection with a refit. After every addition `refit` receives the effects in the base and the last ranking, and
 /// may return the problem linearised at better parameters, with the same candidates in the same order. Once `stop`
 /// returns true, no effect is added or exchanged, and every effect is assessed given those added before it.

@@ -33,7 +33,7 @@ const UNSIGNED: (f64, f64) = (3.0, 2.0);
 /// Number of instants at which the influence of an acceleration is computed.
 const INSTANTS: usize = 100;
 /// Least duration, s, with which samples near reversals that are not resolved are left out.
-const LEAST: f64 = 1.0;
+const LEAST: f64 = 0.25;
 /// Least share of the samples in motion with which those at rest are left out; at unequal times, least number of them: ten
 /// for each parameter of inertia, friction and weight.
 const MOVING: f64 = 0.2;

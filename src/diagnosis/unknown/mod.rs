@@ -40,6 +40,8 @@ const BETTER: f64 = 4.0;
 const WORTH_NAMING: f64 = 0.05;
 /// Share of the error above the noise that a formula must explain on validation data.
 const WORTH_SHOWING: f64 = 0.1;
+/// Relative difference of the orders of a line in two recordings.
+const SAME_ORDER: f64 = 0.02;
 /// Number of terms of the formulas that compare the places.
 const AT_ONE_PLACE: usize = 3;
 
@@ -203,16 +205,18 @@ fn is_confirmed(without: &Judged, with: &Judged, judge: &Judge) -> Result<bool, 
 }
 
 /// Whether what a fit leaves above the noise of some channel is related to the motion, or to the angle of its motor, on the
-/// validation data.
+/// fitted data and on the validation data.
 pub(super) fn is_related(judged: &Judged, judge: &Judge) -> Result<bool, FitError> {
     let search = Search::new(judged, judge)?;
     let found = Ground::new(&search.find, search.found.clone());
     let held_out = Ground::new(search.judge.as_ref().unwrap_or(&search.find), search.judged.clone());
-    let (model, data) = (&judged.fit.model, judge.data());
+    let model = &judged.fit.model;
     let has_line = |c: usize| {
-        let arm = data[0].channels[c].drive().filter(|i| *i < model.mechanism.arms());
-        let line = arm.and_then(|arm| orders::strongest(model, &judged.residuals, data, arm));
-        line.is_some_and(|line| line.share >= relation::SHARE)
+        let arm = judge.data()[0].channels[c].drive().filter(|i| *i < model.mechanism.arms());
+        let line = |datasets, residuals| orders::line(model, residuals, datasets, arm?);
+        let fitted = line(judge.fitting.datasets, &judged.fit.residuals);
+        let found = line(judge.data(), &judged.residuals).filter(|(_, share)| *share >= relation::SHARE);
+        fitted.zip(found).is_some_and(|(fitted, found)| (fitted.0 / found.0 - 1.0).abs() < SAME_ORDER)
     };
     let mut above = (0..judge.floor.len()).filter(|&c| judged.rms()[c] > UNEXPLAINED * judge.floor[c]);
     Ok(above.any(|c| relation::is_related(&found, &held_out, c) || has_line(c)))

@@ -1,0 +1,67 @@
+//! The effect that explains most alone, where something is missing and no effect is significant.
+//!
+//! Few blocks of time, or parameters of the model that imitate an effect, leave its p value large and its usual size invisible. That
+//! something is missing is clear nevertheless where the error exceeds the noise in both the fitted and the validation data, and
+//! an effect that explains most of it there is a better answer than none.
+
+use super::Search;
+use super::standing::Standing;
+use crate::diagnosis::DiagnosisError;
+use crate::diagnosis::judge::{Judged, relative_energy};
+use crate::evidence::{self, Assessment, Chosen};
+
+/// Number of effects that are fitted.
+const FITTED: usize = 3;
+
+/// Least share of the error above the noise that an effect must promise on the fitted data, and explain on the validation
+/// data.
+const PROMISED: f64 = 0.3;
+const EXPLAINED: f64 = 0.7;
+
+impl Search<'_> {
+    /// The effect that explains most alone, if `standing` names nothing and leaves more than
+    /// noise.
+    pub(super) fn or_alone(
+        &mut self,
+        standing: Standing,
+        progress: &mut dyn FnMut(&str),
+    ) -> Result<Standing, DiagnosisError> {
+        let judge = self.judge;
+        let is_open = standing.outcome.findings.is_empty() && standing.not_tried.is_empty();
+        if !is_open || self.settings.max_steps == 0 || judge.fitting.is_late() || !judge.leaves_more(&standing.end) {
+            return Ok(standing);
+        }
+        let above = |rms: &[f64]| relative_energy(rms, &judge.floor) - judge.floor.len() as f64;
+        let most = (1.0 - EXPLAINED) * above(standing.end.rms());
+        let mut best: Option<(f64, Chosen, Judged)> = None;
+        for chosen in self.most_promising() {
+            progress(&format!("refit with {} alone", self.names(&[chosen]).join("")));
+            // An effect with which no machine can be fitted is left out.
+            let Ok(fitted) = self.refit(&[chosen], self.all.as_ref()) else { continue };
+            let left = above(fitted.rms());
+            if left <= most && best.as_ref().is_none_or(|(least, ..)| left < *least) {
+                best = Some((left, chosen, fitted));
+            }
+        }
+        let Some((_, chosen, end)) = best else { return Ok(standing) };
+        let refitted = self.relinearised(&end.fit, &self.problem, &[chosen])?;
+        let outcome = evidence::single(refitted, chosen, &self.settings)?;
+        judge.fitting.count_rankings(outcome.rankings);
+        let found = self.confirm_some(outcome, end)?;
+        Ok(if found.outcome.findings.is_empty() { standing } else { found })
+    }
+
+    /// Effects that promise most alone, significant or not, best first.
+    fn most_promising(&self) -> Vec<Chosen> {
+        let Some(all) = &self.all else { return Vec::new() };
+        let above = |squares: &[f64]| all.energy(squares) - self.judge.floor.len() as f64;
+        let whole = above(&all.sum_of_squares);
+        let left = |a: &Assessment| above(&a.sum_of_squares);
+        let is_possible = |a: &&Assessment| a.rank > 0 && !self.is_in_model(&a.name);
+        let mut promising: Vec<&Assessment> = all.candidates.iter().filter(is_possible).collect();
+        promising.retain(|a| left(a) <= (1.0 - PROMISED) * whole);
+        promising.sort_by(|a, b| left(a).total_cmp(&left(b)));
+        let chosen = |a: &&Assessment| Chosen { candidate: a.candidate, variant: a.variant };
+        promising.iter().take(FITTED).map(chosen).collect()
+    }
+}
