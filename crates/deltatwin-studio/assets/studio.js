@@ -67,6 +67,32 @@
       panel();
       if (!next.job && follow.length && !next.message) { const request = follow.shift(); act(request); } else if (next.message) follow = [];
     }
+    promised();
+  }
+
+  // Candidates as they are ranked before any is fitted, while Why tries them.
+  function promised() {
+    const box = $("first"), first = state.job?.stage === "why" ? state.job.first : [];
+    if (!box || box.dataset.of === JSON.stringify(first)) return;
+    box.dataset.of = JSON.stringify(first);
+    box.replaceChildren();
+    if (!first.length) return;
+    element(box, "h3", {}, "First candidates");
+    element(box, "p", { class: "small" }, "What each would explain as the only addition. None is fitted yet: the answer may be another one.");
+    const cards = element(box, "div", { class: "candidates" });
+    for (const { name, explained, p_adjusted } of first) {
+      const card = element(cards, "article", { class: "candidate" }), percent = (100 * explained).toFixed(1);
+      element(element(card, "header"), "h3", {}, name);
+      const about = element(card, "p");
+      shipped.then(({ effects }) => { about.textContent = effects.find(e => e.name === name)?.summary ?? ""; });
+      const share = element(card, "div", { class: "share" });
+      element(share, "span", {}, "alone");
+      element(element(share, "div", { class: "bar" }), "i").style.width = `${percent}%`;
+      element(share, "b", {}, `${percent} %`);
+      const p = element(card, "p", { class: "small" });
+      element(p, "b", {}, "p");
+      p.append(` ${digits(+p_adjusted.toPrecision(2))}`);
+    }
   }
 
   const result = name => state.session.stages[name];
@@ -360,6 +386,8 @@
     why(box) {
       const ok = need(box);
       button(box, "Which effect is missing?", { do: "why" }, ok);
+      element(box, "div", { id: "first" });
+      promised();
       outcome(box, "why", (content, r) => {
         for (const card of content.querySelectorAll(".candidate[data-effect]")) {
           const name = card.dataset.effect, found = card.classList.contains("found") || card.classList.contains("open");
