@@ -190,6 +190,28 @@
 
   // ---- Rerun beside --------------------------------------------------------------------------------------------------
 
+  // Handle above the viewer that shares the window's height between it and the page: dragged, or moved by arrow keys.
+  const LEAST = 15, MOST = 85;
+  let height = 48;
+  function splitter(box) {
+    const handle = element(box, "div", { class: "splitter", role: "separator", tabindex: "0", "aria-orientation": "horizontal", "aria-label": "height of the viewer", "aria-valuemin": LEAST, "aria-valuemax": MOST });
+    const set = share => {
+      height = Math.min(Math.max(share, LEAST), MOST);
+      box.style.setProperty("--viewer", `${height}vh`);
+      handle.setAttribute("aria-valuenow", Math.round(height));
+    };
+    let from = null;
+    const dragged = on => document.body.classList.toggle("dragged", on);
+    handle.onpointerdown = e => { from = [e.clientY, height]; handle.setPointerCapture(e.pointerId); dragged(true); e.preventDefault(); handle.focus(); };
+    handle.onpointermove = e => { if (from) set(from[1] + 100 * (from[0] - e.clientY) / innerHeight); };
+    handle.onpointerup = handle.onpointercancel = () => { from = null; dragged(false); };
+    handle.onkeydown = e => {
+      const to = { ArrowUp: height + 5, ArrowDown: height - 5, Home: LEAST, End: MOST }[e.key];
+      if (to !== undefined) { set(to); e.preventDefault(); }
+    };
+    set(height);
+  }
+
   // The viewer in a frame of its own; the cursors of charts and viewer follow each other.
   const viewer = {
     serial: 0, wanted: false,
@@ -219,6 +241,7 @@
       box.replaceChildren();
       box.hidden = false;
       $("look").setAttribute("aria-expanded", true);
+      splitter(box);
       const details = element(box, "details");
       element(details, "summary", {}, `${shown.recording} with ${state.session.versions[shown.version].what}; in a window of its own:`);
       for (const text of shown.commands) command(details, text);
