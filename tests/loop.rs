@@ -1,6 +1,6 @@
 //! Round trips through the twin: long runs, identification, diagnosis.
 
-use deltatwin::diagnosis::{Diagnosis, Verdict, diagnose};
+use deltatwin::diagnosis::{Diagnosis, Progress, Verdict, diagnose};
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::{Dataset, Residuals, fit};
@@ -103,7 +103,9 @@ fn hidden_socket_friction_is_named_and_taken_back_by_its_own_parameter() {
     let (held_out, _) = run(&robot, 14, 4.0, true);
     let nominal = model("irb360-6-1600");
     let (fitted, judging) = ([Dataset::new(&recording)], [Dataset::new(&held_out)]);
-    let d = diagnose(&nominal, &fitted, &judging, &mut |_| {}).unwrap();
+    let mut told = Told::default();
+    let d = diagnose(&nominal, &fitted, &judging, &mut |report| told.hear(&report)).unwrap();
+    told.is_complete("ball_socket_coulomb", d.candidates.len());
     assert_eq!(d.verdict, Verdict::Effect, "{:?}", d.effects);
     assert_eq!(d.effects[0].name, "ball_socket_coulomb");
     explained_alone(&d, &fitted);
@@ -111,6 +113,35 @@ fn hidden_socket_friction_is_named_and_taken_back_by_its_own_parameter() {
     assert!((p.value - 0.3).abs() < 4.0 * p.std + 0.003, "{} ± {}", p.value, p.std);
     for (after, floor) in d.rms_after.iter().zip(&d.noise_floor) {
         assert!(*after < 1.1 * floor, "{:?} {:?}", d.rms_after, d.noise_floor);
+    }
+}
+
+/// What a diagnosis has reported.
+#[derive(Default)]
+struct Told {
+    steps: Vec<String>,
+    counts: Vec<(usize, usize)>,
+    /// The first of the ranked candidates, their number, and the last step before.
+    ranked: Option<(String, usize, String)>,
+}
+
+impl Told {
+    fn hear(&mut self, report: &Progress) {
+        match *report {
+            Progress::Step(what) => self.steps.push(what.into()),
+            Progress::Candidates { done, of } => self.counts.push((done, of)),
+            Progress::Ranked(promises) => {
+                let step = self.steps.last().cloned().unwrap_or_default();
+                self.ranked = Some((promises[0].name.clone(), promises.len(), step));
+            }
+        }
+    }
+
+    /// All candidates were counted, and ranked with `first` ahead before any was fitted.
+    fn is_complete(&self, first: &str, candidates: usize) {
+        assert!(self.counts.len() > 5 && self.counts.is_sorted(), "{:?}", self.counts);
+        assert_eq!(self.counts.last(), Some(&(candidates, candidates)), "{:?}", self.counts);
+        assert_eq!(self.ranked, Some((first.into(), candidates, "evidence".into())), "{:?}", self.steps);
     }
 }
 

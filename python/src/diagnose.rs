@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use deltatwin::diagnosis::{self, DiagnosisError, Options, add_with, diagnose_with, parameters_of};
+use deltatwin::diagnosis::{self, DiagnosisError, Options, Progress, add_with, diagnose_with, parameters_of};
 use deltatwin::effects::Effect;
 use deltatwin::identification::Dataset;
 use deltatwin::model;
@@ -307,7 +307,18 @@ pub fn diagnose(
         let begun = Instant::now();
         let passed = || if task.stopped() { f64::INFINITY } else { begun.elapsed().as_secs_f64() / limit };
         let options = Options { fixed: &hold, clock: &passed, candidates: &own, ..Options::default() };
-        let mut tell = |what: &str| task.progress(what, begun.elapsed().as_secs_f64() / limit);
+        let mut step = String::new();
+        let mut tell = |report: Progress| {
+            let text = match report {
+                Progress::Step(what) => {
+                    step = what.into();
+                    step.clone()
+                }
+                Progress::Candidates { done, of } => format!("{step}: candidate {done} of {of}"),
+                Progress::Ranked(_) => return,
+            };
+            task.progress(&text, begun.elapsed().as_secs_f64() / limit);
+        };
         let inner = diagnose_with(&before, &data.datasets, &data.held_out, &options, &mut tell)?;
         Ok(Diagnosis { inner, dataset: shown(&data), before })
     })?;

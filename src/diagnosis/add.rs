@@ -77,7 +77,7 @@ pub fn add_with(
     let absent = problem::absent(&mounted, &before.fit, datasets, options.candidates);
     let shapes = absent.into_iter().find(|c| c[0].effect.name() == effect);
     let candidates = [shapes.ok_or_else(|| DiagnosisError::NotResolved(effect.into()))?];
-    let problem = fitting.problem(&before.fit, &candidates, problem::Edges::Together)?;
+    let problem = fitting.problem(&before.fit, &candidates, problem::Edges::Together, &mut |_| {})?;
     let ranking = evidence::evaluate(&problem, &[], &evidence::Settings::default())?;
     let chosen = Chosen { candidate: 0, variant: ranking.of(0).map_or(0, |a| a.variant) };
     let with = with_effects(&before.fit.model, &candidates, &[chosen], Some(&ranking));

@@ -18,6 +18,7 @@ mod judge;
 pub mod left;
 mod orders;
 mod problem;
+pub mod progress;
 mod search;
 pub mod unknown;
 
@@ -33,6 +34,7 @@ pub use fitting::{Clock, Options, Work};
 use fitting::{Fitting, Stage};
 use judge::Judge;
 pub use left::Left;
+pub use progress::Progress;
 pub use unknown::Unexplained;
 
 use crate::dynamics::in_configuration;
@@ -41,7 +43,7 @@ use crate::model::Model;
 
 /// Diagnosis of the effects that `model` lacks to explain `datasets`, validated on `held_out` where given.
 ///
-/// All parameters are fitted without a time limit; `progress` is called with the name of each step.
+/// All parameters are fitted without a time limit; `progress` is called at each step.
 ///
 /// # Errors
 /// If there are no data, recordings differ in configuration or channels, or the model cannot be fitted to them.
@@ -49,7 +51,7 @@ pub fn diagnose(
     model: &Model,
     datasets: &[Dataset],
     held_out: &[Dataset],
-    progress: &mut dyn FnMut(&str),
+    progress: &mut dyn FnMut(Progress),
 ) -> Result<Diagnosis, DiagnosisError> {
     diagnose_with(model, datasets, held_out, &Options::default(), progress)
 }
@@ -63,12 +65,12 @@ pub fn diagnose_with(
     datasets: &[Dataset],
     held_out: &[Dataset],
     options: &Options,
-    progress: &mut dyn FnMut(&str),
+    progress: &mut dyn FnMut(Progress),
 ) -> Result<Diagnosis, DiagnosisError> {
     check(datasets, held_out)?;
     let fitting = Fitting::new(model, datasets, options).with_repeats(model)?;
     let judge = Judge::new(&fitting, model, held_out)?;
-    progress("refit");
+    progress(Progress::Step("refit"));
     let refitted = match options.fitted.filter(|_| options.fixed.is_empty()) {
         Some(fitted) => fitted.clone(),
         None => fitting.fit(model)?,
@@ -78,9 +80,9 @@ pub fn diagnose_with(
     let candidates = problem::absent(&mounted, &refitted, datasets, fitting.candidates);
     let found = search::find(refitted, &judge, &candidates, progress)?;
     fitting.go_on()?;
-    progress("confidence");
+    progress(Progress::Step("confidence"));
     let mut conclusion = Conclusion::new(&found, &judge)?;
-    progress("what is left");
+    progress(Progress::Step("what is left"));
     if found.all.too_few.is_some() {
         // A law of its own needs more than a known effect.
     } else if fitting.has_time_for(Stage::UnknownLaw) {
@@ -93,7 +95,7 @@ pub fn diagnose_with(
     fitting.go_on()?;
     conclusion.settle();
     let left = Left::of(&conclusion, &judge)?;
-    progress("next experiment");
+    progress(Progress::Step("next experiment"));
     let mut next = None;
     if fitting.has_time_for(Stage::NextExperiment) {
         next = experiment::next(&conclusion, &found, &candidates, &fitting);

@@ -7,6 +7,7 @@ use super::DiagnosisError;
 use super::change::can_change;
 use super::fitting::Fitting;
 use super::orders;
+use super::progress::Progress;
 use crate::dynamics::Plant;
 use crate::effects::{self, ActiveEffect, Entry, Kind, Param, Role, Start};
 use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
@@ -47,7 +48,9 @@ const USUAL_SHARE: f64 = 0.1;
 /// the whole travel.
 const LEAST_TURNS: f64 = 2.0;
 
-/// Candidates that act through the entire prediction whose columns are computed together.
+/// Shapes of candidates whose columns are computed together: laws on the known motion, and effects that act through the
+/// entire prediction.
+const LAWS: usize = 16;
 const WHOLES: usize = 3;
 
 /// Largest sampling period, s, at which the ringing of elastic gears above 10 Hz is resolved.
@@ -163,17 +166,18 @@ type ColumnsOf<'a> = &'a dyn Fn(&Plant, &Dataset, usize, Laws) -> Result<Vec<Vec
 impl Fitting<'_> {
     /// Linearised problem of a fit: residuals and columns of its parameters and of the candidates, averaged over
     /// [`block`] samples. Fixed parameters are omitted; the others are restricted by the active consistency
-    /// constraints according to `edges`.
+    /// constraints according to `edges`. `progress` is called with the number of candidates whose columns are computed.
     pub fn problem(
         &self,
         fit: &Fit,
         candidates: &[Vec<ActiveEffect>],
         edges: Edges,
+        progress: &mut dyn FnMut(Progress),
     ) -> Result<Problem, DiagnosisError> {
         let datasets = self.datasets;
         let (segments, samples) = segments(datasets);
         let base = self.base(fit, edges)?;
-        let columns = self.candidate_columns(&fit.model, &candidates.concat())?;
+        let columns = self.candidate_columns(&fit.model, candidates, progress)?;
         let mut columns = columns.into_iter();
         let mut candidate = |shapes: &Vec<ActiveEffect>| {
             let variant = |active| Variant { label: label(active), columns: columns.next().expect("one per shape") };
@@ -201,10 +205,9 @@ impl Fitting<'_> {
     ) -> Result<Problem, DiagnosisError> {
         let datasets = self.datasets;
         let is_sensor = |shapes: &Vec<ActiveEffect>| shapes[0].effect.kind() == Kind::Sensor;
-        let sensors: Vec<ActiveEffect> =
-            candidates.iter().filter(|shapes| is_sensor(shapes)).flatten().cloned().collect();
+        let sensors: Vec<Vec<ActiveEffect>> = candidates.iter().filter(|shapes| is_sensor(shapes)).cloned().collect();
         let base = self.base(fit, edges)?;
-        let columns = self.candidate_columns(&fit.model, &sensors)?;
+        let columns = self.candidate_columns(&fit.model, &sensors, &mut |_| {})?;
         let mut next = Problem { y: self.residual_series(&fit.residuals), base, ..problem.clone() };
         let mut columns = columns.into_iter();
         for (candidate, shapes) in next.candidates.iter_mut().zip(candidates) {
@@ -236,7 +239,7 @@ impl Fitting<'_> {
             Column { values, ..column.clone() }
         };
         let owned = self.owned_columns(model)?;
-        let columns = self.candidate_columns(model, &absent.concat())?;
+        let columns = self.candidate_columns(model, absent, &mut |_| {})?;
         let mut candidates: Vec<Candidate> = Vec::new();
         for o in owned.iter().filter(|o| o.linear.is_some() && can_change(o.param.effect)) {
             let column = Column { magnitude: WORTH_CARING * o.column.magnitude, ..later(&o.column) };
@@ -289,12 +292,13 @@ impl Fitting<'_> {
         Ok(owned.filter(|o| o.column.values.iter().any(|v| (v * o.column.magnitude).abs() > NOT_EXCITED)).collect())
     }
 
-    /// Columns of the linear parameters of each candidate, added to the model with its initial values. Between groups of
-    /// candidates, of which the laws on the known motion are one, the diagnosis may be stopped.
+    /// Columns of the linear parameters of each shape of the candidates in sequence, added to the model with its initial
+    /// values. Between groups of shapes the diagnosis may be stopped, and `progress` is called with the candidates done.
     fn candidate_columns(
         &self,
         model: &Model,
-        candidates: &[ActiveEffect],
+        candidates: &[Vec<ActiveEffect>],
+        progress: &mut dyn FnMut(Progress),
     ) -> Result<Vec<Vec<Column>>, DiagnosisError> {
         let measured = rms(self.datasets.iter().flat_map(|t| t.measured[0].iter().copied()));
         let magnitude = |e: &Entry, values: &[f64]| match model.mechanism {
@@ -302,10 +306,13 @@ impl Fitting<'_> {
             // The usual size on a lone axis is relative to its torque, because its limits are often estimates.
             Mechanism::Axis(_) => WORTH_CARING * USUAL_SHARE * measured / rms(values.iter().copied()),
         };
+        let mut left: Vec<usize> = candidates.iter().map(Vec::len).collect();
+        let owners: Vec<usize> = left.iter().enumerate().flat_map(|(k, n)| std::iter::repeat_n(k, *n)).collect();
+        let candidates = candidates.concat();
         let is_whole = |i: &usize| candidates[*i].effect.kind().acts_on_the_whole();
         let (wholes, laws): (Vec<usize>, Vec<usize>) = (0..candidates.len()).partition(is_whole);
         let mut columns = vec![Vec::new(); candidates.len()];
-        for group in std::iter::once(laws.as_slice()).chain(wholes.chunks(WHOLES)).filter(|group| !group.is_empty()) {
+        for group in laws.chunks(LAWS).chain(wholes.chunks(WHOLES)) {
             self.go_on()?;
             let own: Vec<ActiveEffect> = group.iter().map(|&i| candidates[i].clone()).collect();
             let columns_of = |plant: &Plant, dataset: &Dataset, block: usize, known: Laws| {
@@ -321,7 +328,9 @@ impl Fitting<'_> {
                     Column { name: e.full_name(), values, magnitude: if size.is_finite() { size } else { 0.0 } }
                 };
                 columns[i] = linear.map(column).collect();
+                left[owners[i]] -= 1;
             }
+            progress(Progress::Candidates { done: left.iter().filter(|n| **n == 0).count(), of: left.len() });
         }
         Ok(columns)
     }

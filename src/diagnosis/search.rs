@@ -17,6 +17,7 @@ pub(super) use models::{with_effects, without_effects};
 
 use super::judge::{Judge, Judged, MIN_RELEVANCE, is_relevant, relative_energy};
 use super::problem::Edges;
+use super::progress::{Progress, promises};
 use super::{DiagnosisError, problem};
 use crate::effects::{ActiveEffect, Role};
 use crate::evidence::{self, Chosen, Outcome, Pair, Problem, Ranking, Refit, Settings};
@@ -82,14 +83,14 @@ pub(super) fn find(
     start: Fit,
     judge: &Judge,
     candidates: &[Vec<ActiveEffect>],
-    progress: &mut dyn FnMut(&str),
+    progress: &mut dyn FnMut(Progress),
 ) -> Result<Found, DiagnosisError> {
     let is_held = start.edges.len() > 1;
     let first = find_along(Edges::Together, start.clone(), judge, candidates, progress)?;
     if !is_held || first.is_clear(judge) || judge.fitting.is_late() {
         return Ok(first);
     }
-    progress("every edge of the possible by itself");
+    progress(Progress::Step("every edge of the possible by itself"));
     let second = find_along(Edges::Apart, start, judge, candidates, progress)?;
     let left = |found: &Found| relative_energy(found.end.rms(), &judge.floor);
     Ok(if left(&second) < left(&first) { second } else { first })
@@ -100,17 +101,17 @@ fn find_along(
     start: Fit,
     judge: &Judge,
     candidates: &[Vec<ActiveEffect>],
-    progress: &mut dyn FnMut(&str),
+    progress: &mut dyn FnMut(Progress),
 ) -> Result<Found, DiagnosisError> {
-    progress("columns of the candidates");
-    let mut search = Search::new(edges, start, judge, candidates)?;
+    progress(Progress::Step("columns of the candidates"));
+    let mut search = Search::new((edges, start), judge, candidates, progress)?;
     if let Some(late) = search.lag_of_slow_recordings() {
         search.accept_lag(late)?;
     }
     let mut begun: Vec<Chosen> = Vec::new();
     loop {
         judge.fitting.go_on()?;
-        progress("evidence");
+        progress(Progress::Step("evidence"));
         let selected = search.select(&std::mem::take(&mut begun), progress)?;
         judge.fitting.go_on()?;
         let refused = match selected {
@@ -185,14 +186,14 @@ struct Search<'a> {
 
 impl<'a> Search<'a> {
     fn new(
-        edges: Edges,
-        start: Fit,
+        (edges, start): (Edges, Fit),
         judge: &'a Judge<'a>,
         candidates: &'a [Vec<ActiveEffect>],
+        progress: &mut dyn FnMut(Progress),
     ) -> Result<Self, DiagnosisError> {
         let block = problem::block(judge.fitting.datasets);
         let mut settings = Settings { min_relevance: MIN_RELEVANCE * (block as f64).sqrt(), ..Settings::default() };
-        let problem = judge.fitting.problem(&start, candidates, edges)?;
+        let problem = judge.fitting.problem(&start, candidates, edges, progress)?;
         let start = judge.of(start)?;
         // Nothing is to be explained, or the torques show nothing of the dynamics.
         let mechanism = start.fit.model.mechanism;
@@ -223,8 +224,8 @@ impl<'a> Search<'a> {
         self.refused.len() >= MAX_REFUSED
     }
 
-    fn refuse(&mut self, name: String, progress: &mut dyn FnMut(&str)) {
-        progress(&format!("without {name}"));
+    fn refuse(&mut self, name: String, progress: &mut dyn FnMut(Progress)) {
+        progress(Progress::Step(&format!("without {name}")));
         match self.is_exhausted() {
             false => self.refused.push(name),
             true => self.settings.max_steps = usize::from(self.settings.max_steps > 1),
@@ -275,7 +276,7 @@ impl<'a> Search<'a> {
     /// Forward selection; the model is refitted after every addition if any parameter enters its prediction
     /// nonlinearly or a consistency constraint is active, because the error of an old linearisation resembles further
     /// effects. The effects of `begun` are added first.
-    fn select(&mut self, begun: &[Chosen], progress: &mut dyn FnMut(&str)) -> Result<Selection, DiagnosisError> {
+    fn select(&mut self, begun: &[Chosen], progress: &mut dyn FnMut(Progress)) -> Result<Selection, DiagnosisError> {
         let (stated, fitting) = (self.stated(begun), self.judge.fitting);
         let is_begun = !begun.is_empty();
         let mut stopped: Option<Selection> = None;
@@ -284,7 +285,10 @@ impl<'a> Search<'a> {
         let mut rankings = 0;
         let refit = |chosen: &[Chosen], ranking: &Ranking| {
             rankings += 1;
-            let alone = all.get_or_insert_with(|| ranking.clone());
+            let alone = all.get_or_insert_with(|| {
+                progress(Progress::Ranked(&promises(ranking)));
+                ranking.clone()
+            });
             if !is_begun && self.has_better_pairs(chosen, alone, ranking) {
                 stopped = Some(Selection::Pairs);
                 return Err(String::new());
@@ -303,6 +307,9 @@ impl<'a> Search<'a> {
             return Ok(stopped);
         }
         let outcome = outcome?;
+        if self.all.is_none() {
+            progress(Progress::Ranked(&promises(&outcome.remaining)));
+        }
         self.complete(outcome, last, progress)
     }
 
@@ -313,7 +320,7 @@ impl<'a> Search<'a> {
         ranking: &Ranking,
         stated: &Problem,
         last: &mut Option<Refitted>,
-        progress: &mut dyn FnMut(&str),
+        progress: &mut dyn FnMut(Progress),
     ) -> Result<Refit, Selection> {
         let fitting = self.judge.fitting;
         let names = self.names(chosen);
@@ -327,7 +334,7 @@ impl<'a> Search<'a> {
             fitting.tried();
             return Ok(Refit::Negligible);
         }
-        progress(&format!("refit with {}", names.join(", ")));
+        progress(Progress::Step(&format!("refit with {}", names.join(", "))));
         let before = last.as_ref().map_or(&self.start, |(_, before)| before);
         let is_lost = |fitted: &Judged| chosen.len() > 1 && self.judge.is_lost_in_the_rest(before, fitted);
         let made = self.refit_worth_it(chosen, ranking, last.as_ref()).and_then(|fitted| match fitted {
@@ -366,7 +373,7 @@ impl<'a> Search<'a> {
     ) -> Result<Result<Judged, Selection>, FitError> {
         let before = last.map_or(&self.start, |(_, before)| before);
         let gears = chosen.last().filter(|c| self.shape(c).has_gears());
-        if gears.is_some_and(|c| !promises(ranking, c)) {
+        if gears.is_some_and(|c| !is_promising(ranking, c)) {
             return Ok(Err(self.refusal(chosen)));
         }
         let fitted = match last {
@@ -395,14 +402,14 @@ impl<'a> Search<'a> {
         &self,
         outcome: Outcome,
         last: Option<Refitted>,
-        progress: &mut dyn FnMut(&str),
+        progress: &mut dyn FnMut(Progress),
     ) -> Result<Selection, DiagnosisError> {
         let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
         let end = match last {
             _ if chosen.is_empty() => self.start.clone(),
             Some((before, fitted)) if before == chosen => fitted,
             _ => {
-                progress(&format!("refit with {}", self.names(&chosen).join(", ")));
+                progress(Progress::Step(&format!("refit with {}", self.names(&chosen).join(", "))));
                 match self.refit(&chosen, None) {
                     Ok(end) => end,
                     Err(_) => return Ok(self.refusal(&chosen)),
@@ -464,7 +471,7 @@ impl<'a> Search<'a> {
 }
 
 /// Whether the gain of a candidate in the ranking is relevant on some channel; true if it is not ranked.
-fn promises(ranking: &Ranking, chosen: &Chosen) -> bool {
+fn is_promising(ranking: &Ranking, chosen: &Chosen) -> bool {
     let rms = |squares: &[f64]| squares.iter().map(|s| s.sqrt()).collect::<Vec<_>>();
     ranking.of(chosen.candidate).is_none_or(|a| is_relevant(&rms(&ranking.sum_of_squares), &rms(&a.sum_of_squares)))
 }

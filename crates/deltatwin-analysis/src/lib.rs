@@ -16,6 +16,7 @@ pub mod identify;
 pub mod json;
 pub mod law;
 pub mod page;
+pub mod progress;
 pub mod run;
 pub mod sentence;
 pub mod unexplained;

@@ -292,7 +292,7 @@ pub fn headline(page: &mut Report, d: &Diagnosis) {
     let all = format!("of {} in the library for this machine", d.candidates.len() + d.twin_only.len());
     let mut tiles = Vec::new();
     if !d.effects.is_empty() {
-        tiles.push([&fell[..], "worst channel, refitted → effect added", "1 is pure noise"]);
+        tiles.push([&fell[..], "worst channel, without → with the effect", "1 is pure noise"]);
         tiles.push([&explained, "of the error above the noise is explained", ""]);
     } else {
         tiles.push([fell.split(" →").next().unwrap_or_default(), "times the noise, worst channel", "1 is pure noise"]);

@@ -7,6 +7,7 @@ use thiserror::Error;
 use crate::data::{Data, Joined};
 use crate::gate::{Examined, Refusal};
 use crate::identify::Identification;
+use crate::progress::Course;
 use deltatwin::comparison::{Comparison, compare, compare_with};
 use deltatwin::diagnosis::{Clock, Diagnosis, DiagnosisError, Options, diagnose_with};
 use deltatwin::evidence::Stop;
@@ -130,7 +131,7 @@ pub fn run(
     let identification = identify_until(model, data, Some(&is_late))?;
     stop(settings)?;
     let fitted = &identification.fitted;
-    let mut done = 0.0;
+    let mut course = Course::default();
     step(Stage::Diagnose, DIAGNOSIS, "");
     let first = Some(fitted).filter(|_| !is_cut.load(Ordering::Relaxed));
     let options = Options { fixed: settings.hold, clock: settings.clock, fitted: first, ..Options::default() };
@@ -141,10 +142,9 @@ pub fn run(
             let identified = compare_with(&fitted.model, &data.datasets, &data.held_out, &fitted.residuals)?;
             Ok::<_, FitError>((delivered, identified))
         });
-        let diagnosis = diagnose_with(model, &data.datasets, &data.held_out, &options, &mut |what| {
-            let span = ahead(done, what);
-            done = span.1;
-            step(Stage::Diagnose, DIAGNOSIS + (1.0 - DIAGNOSIS) * span.0, what);
+        let diagnosis = diagnose_with(model, &data.datasets, &data.held_out, &options, &mut |report| {
+            course.hear(&report);
+            step(Stage::Diagnose, DIAGNOSIS + (1.0 - DIAGNOSIS) * course.span().0, &course.text());
         });
         (compared.join(), diagnosis)
     });
@@ -207,44 +207,3 @@ fn stop(settings: &Settings) -> Result<(), RunError> {
 
 /// Share of a run after which the diagnosis begins.
 const DIAGNOSIS: f64 = 0.12;
-
-/// Shares of a diagnosis that are done before and after its step `what`, when `now` is done: measured on six recordings of
-/// 50 000 samples with one to fourteen fits. As the number of refits is not known, each takes a part of what is left to them.
-pub fn ahead(now: f64, what: &str) -> (f64, f64) {
-    let (from, to): (f64, f64) = match what {
-        "refit" => (0.0, 0.02),
-        "columns of the candidates" => (0.02, 0.18),
-        "confidence" => (SEARCH, 0.86),
-        "what is left" => (0.86, 0.88),
-        "next experiment" => (0.93, 1.0),
-        "evidence" => (now, now + 0.02 * (SEARCH - now)),
-        _ if now < SEARCH => (now, now + 0.33 * (SEARCH - now)),
-        _ => (now, now + 0.4 * (0.93 - now)),
-    };
-    (from.max(now), to.max(now))
-}
-
-/// Share of a diagnosis after which nothing more is added.
-const SEARCH: f64 = 0.85;
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_fraction_never_falls_and_never_ends_early() {
-        let mut now = 0.0;
-        let many = std::iter::repeat_n("refit with a", 50);
-        for what in ["refit", "evidence"].into_iter().chain(many).chain([
-            "confidence",
-            "what is left",
-            "is it explained?",
-            "next experiment",
-        ]) {
-            let (from, to) = ahead(now, what);
-            assert!(from >= now && to >= from && from < 1.0, "{what}: {now} {from} {to}");
-            now = to;
-        }
-        assert_eq!(now, 1.0);
-    }
-}

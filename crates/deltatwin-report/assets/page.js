@@ -333,7 +333,7 @@ var deltatwin = (() => {
         keys(plot, this.rates.map((r, i) => [r.name, palette[i % 4]]));
         this.add(plot, element(head, "small"), { unit: this.rates[0].unit, names: this.rates.map(r => r.name) }, this.rates.map(r => r.pyramid), {
           height: 138, series: [{}, ...this.rates.map((_, i) => ({ stroke: () => css(palette[i % 4]), width: 1, points: { show: false } }))],
-        }, `q̇ / ${this.rates[0].unit}`, 0);
+        }, `speed / ${this.rates[0].unit}`, 0);
       }
     }
 
@@ -430,12 +430,12 @@ var deltatwin = (() => {
       const one = (color, samples) => [{ color, samples }];
       const staged = pyramids => pyramids.map((p, s) => ({ stage: s, color: this.colors[s], samples: p[0].low }));
       const residual = c => this.average ? c.pyramids.average : c.pyramids.left;
-      const axes = (all, symbol) => all.map(a => ({ name: `${symbol} of ${a.name}`, unit: a.unit, curves: one("--measured", a.samples || a.pyramid[0].low) }));
+      const axes = (all, what) => all.map(a => ({ name: `${a.name} ${what}`, unit: a.unit, curves: one("--measured", a.samples || a.pyramid[0].low) }));
       return [
         ["time", [{ name: "time", unit: "s", curves: one("--measured", this.t) }]],
         ["residual", this.channels.map(c => ({ name: `residual of ${c.name}`, unit: c.unit, curves: staged(residual(c)) }))],
-        ["angle", axes(this.angles, "q")],
-        ["rate", axes(this.rates, "q̇")],
+        ["angle", axes(this.angles, "angle")],
+        ["speed", axes(this.rates, "speed")],
         ["measured", this.channels.map(c => ({ name: `${c.name}, measured`, unit: c.unit, curves: one("--measured", c.pyramids.measured[0].low) }))],
         ["model", this.channels.map(c => ({ name: `${c.name}, model`, unit: c.unit, curves: staged(c.pyramids.models) }))],
       ];
@@ -621,8 +621,10 @@ var deltatwin = (() => {
     }
 
     smallChart(grid, label, unit, data, series, options) {
+      // Powers of ten below what a decimal fraction shows.
+      const tens = options.scales.y.distr === 3 ? { values: (u, all) => all.map(x => x === null ? "" : x < 1e-3 ? x.toExponential(0) : String(x)) } : {};
       const plot = element(grid, "div", { class: "plot", role: "img", "aria-label": `residual over ${label}` });
-      this.small.push(chart(plot, { height: 210, cursor: { show: false }, axes: [axis(label, 28), axis(unit, 58)], series, ...options }, data));
+      this.small.push(chart(plot, { height: 210, cursor: { show: false }, axes: [axis(label, 28), { ...axis(unit, 58), ...tens }], series, ...options }, data));
     }
 
     // -- over the workspace

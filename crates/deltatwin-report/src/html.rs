@@ -85,10 +85,11 @@ impl Report {
     }
 
     /// Adds a table of texts that becomes one card per row on a narrow screen.
-    pub fn cards<R: AsRef<[String]>>(&mut self, headers: &[&str], rows: &[R]) -> &mut Self {
-        let head: String = headers.iter().map(|h| format!("<th>{}</th>", escape(h))).collect();
-        let cell =
-            |(header, text): (&&str, &String)| format!("<td data-label=\"{}\">{}</td>", escape(header), escape(text));
+    pub fn cards<H: AsRef<str>, R: AsRef<[String]>>(&mut self, headers: &[H], rows: &[R]) -> &mut Self {
+        let head: String = headers.iter().map(|h| format!("<th>{}</th>", escape(h.as_ref()))).collect();
+        let cell = |(header, text): (&H, &String)| {
+            format!("<td data-label=\"{}\">{}</td>", escape(header.as_ref()), escape(text))
+        };
         let row = |row: &R| {
             let cells: String = headers.iter().zip(row.as_ref()).map(cell).collect();
             format!("<tr>{cells}</tr>\n")

@@ -92,7 +92,12 @@ pub fn study_page(page: &StudyPage) -> Report {
             report.figure(figure, caption);
         }
         if let Some((headers, rows)) = &section.table {
-            report.table(headers, rows);
+            let is_long = rows.iter().flatten().any(|cell| cell.chars().count() > LONG);
+            if is_long {
+                report.cards(headers, rows)
+            } else {
+                report.table(headers, rows)
+            };
         }
     }
     if !page.fmea.is_empty() {
@@ -106,6 +111,9 @@ pub fn study_page(page: &StudyPage) -> Report {
     }
     report
 }
+
+/// Characters of a cell from which a table is one of texts, whose rows are cards on narrow screens.
+const LONG: usize = 60;
 
 /// Table of the failure modes, those of most runs first.
 fn failure_modes(report: &mut Report, rows: &[FmeaRow]) {

@@ -67,6 +67,32 @@
       panel();
       if (!next.job && follow.length && !next.message) { const request = follow.shift(); act(request); } else if (next.message) follow = [];
     }
+    promised();
+  }
+
+  // Candidates as they are ranked before any is fitted, while Why tries them.
+  function promised() {
+    const box = $("first"), first = state.job?.stage === "why" ? state.job.first : [];
+    if (!box || box.dataset.of === JSON.stringify(first)) return;
+    box.dataset.of = JSON.stringify(first);
+    box.replaceChildren();
+    if (!first.length) return;
+    element(box, "h3", {}, "First candidates");
+    element(box, "p", { class: "small" }, "What each would explain as the only addition. None is fitted yet: the answer may be another one.");
+    const cards = element(box, "div", { class: "candidates" });
+    for (const { name, explained, p_adjusted } of first) {
+      const card = element(cards, "article", { class: "candidate" }), percent = (100 * explained).toFixed(1);
+      element(element(card, "header"), "h3", {}, name);
+      const about = element(card, "p");
+      shipped.then(({ effects }) => { about.textContent = effects.find(e => e.name === name)?.summary ?? ""; });
+      const share = element(card, "div", { class: "share" });
+      element(share, "span", {}, "alone");
+      element(element(share, "div", { class: "bar" }), "i").style.width = `${percent}%`;
+      element(share, "b", {}, `${percent} %`);
+      const p = element(card, "p", { class: "small" });
+      element(p, "b", {}, "p");
+      p.append(` ${digits(+p_adjusted.toPrecision(2))}`);
+    }
   }
 
   const result = name => state.session.stages[name];
@@ -164,6 +190,28 @@
 
   // ---- Rerun beside --------------------------------------------------------------------------------------------------
 
+  // Handle above the viewer that shares the window's height between it and the page: dragged, or moved by arrow keys.
+  const LEAST = 15, MOST = 85;
+  let height = 48;
+  function splitter(box) {
+    const handle = element(box, "div", { class: "splitter", role: "separator", tabindex: "0", "aria-orientation": "horizontal", "aria-label": "height of the viewer", "aria-valuemin": LEAST, "aria-valuemax": MOST });
+    const set = share => {
+      height = Math.min(Math.max(share, LEAST), MOST);
+      box.style.setProperty("--viewer", `${height}vh`);
+      handle.setAttribute("aria-valuenow", Math.round(height));
+    };
+    let from = null;
+    const dragged = on => document.body.classList.toggle("dragged", on);
+    handle.onpointerdown = e => { from = [e.clientY, height]; handle.setPointerCapture(e.pointerId); dragged(true); e.preventDefault(); handle.focus(); };
+    handle.onpointermove = e => { if (from) set(from[1] + 100 * (from[0] - e.clientY) / innerHeight); };
+    handle.onpointerup = handle.onpointercancel = () => { from = null; dragged(false); };
+    handle.onkeydown = e => {
+      const to = { ArrowUp: height + 5, ArrowDown: height - 5, Home: LEAST, End: MOST }[e.key];
+      if (to !== undefined) { set(to); e.preventDefault(); }
+    };
+    set(height);
+  }
+
   // The viewer in a frame of its own; the cursors of charts and viewer follow each other.
   const viewer = {
     serial: 0, wanted: false,
@@ -193,6 +241,7 @@
       box.replaceChildren();
       box.hidden = false;
       $("look").setAttribute("aria-expanded", true);
+      splitter(box);
       const details = element(box, "details");
       element(details, "summary", {}, `${shown.recording} with ${state.session.versions[shown.version].what}; in a window of its own:`);
       for (const text of shown.commands) command(details, text);
@@ -360,6 +409,8 @@
     why(box) {
       const ok = need(box);
       button(box, "Which effect is missing?", { do: "why" }, ok);
+      element(box, "div", { id: "first" });
+      promised();
       outcome(box, "why", (content, r) => {
         for (const card of content.querySelectorAll(".candidate[data-effect]")) {
           const name = card.dataset.effect, found = card.classList.contains("found") || card.classList.contains("open");

@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
+use deltatwin::diagnosis::progress::Promise;
 use serde_json::{Value, json};
 
 /// Work that goes on.
@@ -13,6 +14,8 @@ pub struct Job {
     begun: Instant,
     cancelled: AtomicBool,
     step: Mutex<Step>,
+    /// What is known of the candidates before the work is done, most likely first.
+    first: Mutex<Vec<Value>>,
 }
 
 /// A step of the work, from the share of the work before it to the share after it.
@@ -26,6 +29,9 @@ struct Step {
     whole: Option<f64>,
 }
 
+/// Number of ranked candidates that are shown before the work is done.
+const FIRST: usize = 5;
+
 /// Share of the work from which the time passed determines the expected time.
 const EARLY: f64 = 0.08;
 
@@ -34,7 +40,7 @@ impl Job {
     pub fn new(stage: &'static str) -> Self {
         let begun = Instant::now();
         let step = Step { what: String::new(), span: (0.0, 0.0), begun, first: begun, whole: None };
-        Self { stage, begun, cancelled: AtomicBool::new(false), step: Mutex::new(step) }
+        Self { stage, begun, cancelled: AtomicBool::new(false), step: Mutex::new(step), first: Mutex::default() }
     }
 
     /// Asks the work to end without a result.
@@ -66,17 +72,25 @@ impl Job {
         *step = Step { what: what.into(), span: (now, to.max(now)), begun: Instant::now(), whole, first: step.first };
     }
 
+    /// Keeps the first of the ranked candidates to be shown.
+    pub fn rank(&self, promises: &[Promise]) {
+        let one = |p: &Promise| json!({"name": p.name, "explained": p.explained, "p_adjusted": p.p_adjusted});
+        let first = promises.iter().take(FIRST).map(one).collect();
+        *self.first.lock().unwrap_or_else(PoisonError::into_inner) = first;
+    }
+
     /// Time since its beginning, s.
     pub fn seconds(&self) -> f64 {
         self.begun.elapsed().as_secs_f64()
     }
 
-    /// Stage, share, step, time passed and left (s).
+    /// Stage, share, step, time passed and left (s), and the first of the ranked candidates.
     pub fn json(&self) -> Value {
         let step = self.step();
         let fraction = step.fraction();
         let left = step.whole.map(|whole| whole * (1.0 - fraction));
-        json!({"stage": self.stage, "fraction": fraction, "what": step.what, "passed": self.seconds(), "left": left, "cancelled": self.is_cancelled()})
+        let first = self.first.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        json!({"stage": self.stage, "fraction": fraction, "what": step.what, "passed": self.seconds(), "left": left, "cancelled": self.is_cancelled(), "first": first})
     }
 }
 
@@ -118,5 +132,16 @@ mod tests {
         assert!(fraction() >= 0.9 && fraction() < 1.0);
         job.cancel();
         assert!(job.is_cancelled());
+    }
+
+    #[test]
+    fn the_first_of_the_ranked_candidates_are_shown() {
+        let job = Job::new("why");
+        assert_eq!(job.json()["first"], json!([]));
+        let promise = |k: usize| Promise { name: format!("effect {k}"), explained: 1.0 / k as f64, p_adjusted: 0.01 };
+        job.rank(&(1..=40).map(promise).collect::<Vec<_>>());
+        let state = job.json();
+        assert_eq!(state["first"].as_array().map(Vec::len), Some(FIRST));
+        assert_eq!(state["first"][1], json!({"name": "effect 2", "explained": 0.5, "p_adjusted": 0.01}));
     }
 }

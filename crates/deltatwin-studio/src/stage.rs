@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use deltatwin::comparison::compare;
-use deltatwin::diagnosis::{self, Options, diagnose_with};
+use deltatwin::diagnosis::{self, Options, Progress, diagnose_with};
 use deltatwin::gate::{Remedy as GateRemedy, combined};
 use deltatwin::identification::{Dataset, NoiseLevel, Residuals};
 use deltatwin::machine::Configuration;
@@ -11,6 +11,7 @@ use deltatwin::model::{Model, Provenance};
 use deltatwin::text::significant;
 use deltatwin_analysis::gate::{Examined, line as finding_line};
 use deltatwin_analysis::law::{self, TermError};
+use deltatwin_analysis::progress::Course;
 use deltatwin_analysis::{add as added, compare as compared, diagnose as diagnosed, gate, page, run};
 use deltatwin_io::file::replace_text;
 use deltatwin_io::model;
@@ -295,11 +296,13 @@ pub(crate) fn diagnose(task: &Task, job: &Job) -> miette::Result<Outcome> {
     let limit = (LIMIT.0 * task.samples() as f64).max(LIMIT.1);
     let clock = || if job.is_cancelled() { f64::INFINITY } else { job.seconds() / limit };
     let options = Options { clock: &clock, ..Options::default() };
-    let mut done = 0.0;
-    let d = diagnose_with(&task.model, &task.data.datasets, &task.data.held_out, &options, &mut |what| {
-        let span = run::ahead(done, what);
-        done = span.1;
-        job.at(span, what);
+    let mut course = Course::default();
+    let d = diagnose_with(&task.model, &task.data.datasets, &task.data.held_out, &options, &mut |report| {
+        course.hear(&report);
+        job.at(course.span(), &course.text());
+        if let Progress::Ranked(promises) = report {
+            job.rank(promises);
+        }
     })
     .into_diagnostic()?;
     let mut files = Vec::new();

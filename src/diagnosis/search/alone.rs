@@ -8,6 +8,7 @@ use super::Search;
 use super::standing::Standing;
 use crate::diagnosis::DiagnosisError;
 use crate::diagnosis::judge::{Judged, relative_energy};
+use crate::diagnosis::progress::Progress;
 use crate::evidence::{self, Assessment, Chosen};
 
 /// Number of effects that are fitted.
@@ -24,7 +25,7 @@ impl Search<'_> {
     pub(super) fn or_alone(
         &mut self,
         standing: Standing,
-        progress: &mut dyn FnMut(&str),
+        progress: &mut dyn FnMut(Progress),
     ) -> Result<Standing, DiagnosisError> {
         let judge = self.judge;
         let is_open = standing.outcome.findings.is_empty() && standing.not_tried.is_empty();
@@ -35,7 +36,7 @@ impl Search<'_> {
         let most = (1.0 - EXPLAINED) * above(standing.end.rms());
         let mut best: Option<(f64, Chosen, Judged)> = None;
         for chosen in self.most_promising() {
-            progress(&format!("refit with {} alone", self.names(&[chosen]).join("")));
+            progress(Progress::Step(&format!("refit with {} alone", self.names(&[chosen]).join(""))));
             // An effect with which no machine can be fitted is left out.
             let Ok(fitted) = self.refit(&[chosen], self.all.as_ref()) else { continue };
             let left = above(fitted.rms());

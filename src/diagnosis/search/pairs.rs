@@ -6,6 +6,7 @@ use super::standing::Standing;
 use super::{Search, Selection, with_effects};
 use crate::diagnosis::DiagnosisError;
 use crate::diagnosis::judge::{Judged, relative_energy};
+use crate::diagnosis::progress::Progress;
 use crate::effects::ActiveEffect;
 use crate::evidence::{self, Chosen, Pair, Ranking};
 use crate::identification::fit::FitError;
@@ -57,17 +58,17 @@ impl Search<'_> {
 
     /// Fits the best pairs of effects together and continues the selection from the one that leaves least, once per
     /// starting model. Of what is selected, what is confirmed is kept.
-    pub(super) fn try_pairs(&mut self, progress: &mut dyn FnMut(&str)) -> Result<(), DiagnosisError> {
+    pub(super) fn try_pairs(&mut self, progress: &mut dyn FnMut(Progress)) -> Result<(), DiagnosisError> {
         let fitting = self.judge.fitting;
         if self.has_paired || self.settings.max_steps < 2 || fitting.is_late() {
             return Ok(());
         }
         self.has_paired = true;
         let Some(alone) = &self.all else { return Ok(()) };
-        progress("pairs of effects");
+        progress(Progress::Step("pairs of effects"));
         let mut best: Option<(f64, [Chosen; 2])> = None;
         for pair in self.pairs(alone, None).iter().take(FITTED) {
-            progress(&format!("refit with {}", self.names(&pair.chosen).join(" and ")));
+            progress(Progress::Step(&format!("refit with {}", self.names(&pair.chosen).join(" and "))));
             // A pair with which no machine can be fitted is left out.
             let Ok(fitted) = self.fitted_together(&pair.chosen) else { continue };
             let left = relative_energy(&fitted.fit.residuals.rms, &fitting.noise.pooled);

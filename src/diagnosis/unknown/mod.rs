@@ -17,6 +17,7 @@ use super::fitting::{Fitting, Stage};
 use super::judge::{Judge, Judged, UNEXPLAINED, is_relevant, relative_energy, wanders_in};
 use super::left::Rest;
 use super::orders;
+use super::progress::Progress;
 use super::search::Found as Outcome;
 use crate::effects::formula::{Formula, NAME, Place, Term, Variable};
 use crate::effects::{ActiveEffect, Param};
@@ -97,12 +98,12 @@ impl Unexplained {
 pub(super) fn explain(
     found: &Outcome,
     judge: &Judge,
-    progress: &mut dyn FnMut(&str),
+    progress: &mut dyn FnMut(Progress),
 ) -> Result<Option<Unexplained>, FitError> {
     if judge.is_noise(found.end.rms()) {
         return Ok(None);
     }
-    progress("is it explained?");
+    progress(Progress::Step("is it explained?"));
     let after = Search::new(&found.end, judge)?;
     let with_named = after.formula();
     if with_named.terms.is_empty() {
@@ -112,7 +113,7 @@ pub(super) fn explain(
     let before = match named {
         0 => None,
         _ => {
-            progress("is there a better explanation?");
+            progress(Progress::Step("is there a better explanation?"));
             Some(Search::new(&found.start, judge)?)
         }
     };
@@ -125,7 +126,7 @@ pub(super) fn explain(
         Some(before) => (before, &found.start.fit.model),
         None => (&after, &found.end.fit.model),
     };
-    progress("where it acts");
+    progress(Progress::Step("where it acts"));
     let terms = &choice.formula.terms;
     let with = judge.fit(&with_formula(base, &search.find, terms))?;
     if !is_confirmed(&found.end, &with, judge)? {

@@ -17,12 +17,12 @@ use crate::command::identify::provenance;
 use crate::data::{Data, DataArgs};
 use crate::report::{check_report, write_report};
 use crate::terminal::{BAD_ANSWER, DONE, catch_interrupt, check_output, origin, say, spinner, warn, write_figure};
-use deltatwin::diagnosis::{Diagnosis, NextExperiment, Options, Verdict, diagnose_with};
+use deltatwin::diagnosis::{Diagnosis, NextExperiment, Options, Progress, Verdict, diagnose_with};
 use deltatwin::identification::Dataset;
 use deltatwin::machine::Configuration;
 use deltatwin::model::Model;
 use deltatwin_analysis::page;
-use deltatwin_analysis::run::ahead;
+use deltatwin_analysis::progress::Course;
 use deltatwin_io::model;
 use deltatwin_io::scenario::write_experiment;
 use deltatwin_report::drawing;
@@ -99,12 +99,13 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let clock = || allowance.passed().min(f64::MAX);
     let options = Options { fixed: &args.hold, clock: &clock, ..Options::default() };
     let mut stages = Stages::new("noise");
-    let mut done = 0.0;
-    let answer = diagnose_with(&model, &data.datasets, &data.held_out, &options, &mut |what| {
-        let (from, to) = ahead(done, what);
-        done = to;
-        progress.set_message(format!("{:>3.0} % diagnose: {what}", 100.0 * from));
-        stages.next(what);
+    let mut course = Course::default();
+    let answer = diagnose_with(&model, &data.datasets, &data.held_out, &options, &mut |report| {
+        course.hear(&report);
+        progress.set_message(format!("{:>3.0} % diagnose: {}", 100.0 * course.span().0, course.text()));
+        if let Progress::Step(what) = report {
+            stages.next(what);
+        }
     });
     let stages = stages.end();
     progress.finish_and_clear();

@@ -8,6 +8,6 @@ pub fn add(report: &mut Report, command: &str, program: &str, inputs: &[[String;
     report.commands(command);
     report.paragraph(program);
     if !inputs.is_empty() {
-        report.table(&["input", "file", "SHA-256", "bytes"], inputs);
+        report.cards(&["input", "file", "SHA-256", "bytes"], inputs);
     }
 }

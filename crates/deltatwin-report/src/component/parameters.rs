@@ -27,6 +27,11 @@ pub fn add(report: &mut Report, parameters: &Parameters) {
     let Parameters { prior, stages, covariance } = parameters;
     let Some((_, last_name, last)) = stages.last() else { return };
     let values = prior.values();
+    let key = |(role, name, _): &(Role, &str, &[Estimate])| {
+        format!("<span><i class=\"{}\"></i>{} ± 2 std</span>", role.class(), escape(name))
+    };
+    let keys: String = stages.iter().map(key).collect();
+    report.push(format!("<p class=\"keys\">{keys}<span><i class=\"dashed\"></i>model</span></p>"));
     let mut html = wide("parameters") + "<table class=\"parameters cards\"><thead><tr><th>parameter</th>";
     for (_, name, _) in *stages {
         let _ = write!(html, "<th class=\"n\">{}</th>", escape(name));

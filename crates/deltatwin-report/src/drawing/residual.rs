@@ -46,9 +46,9 @@ pub fn figures(stages: &[Stage], dataset: &Dataset, noise: &[f64]) -> Result<Vec
         let unit = Channel::Angle(axis).unit(dataset.mechanism);
         let angle = of(&|k| dataset.joints[k].q[axis]);
         let speed = of(&|k| dataset.joints[k].qd[axis]);
-        let places = [("angle", "q", unit.to_string(), angle), ("speed", "q̇", format!("{unit}/s"), speed)];
-        for (what, symbol, unit, x) in places {
-            let figure = drawn.over(c, channel, (&format!("{symbol}{} / {unit}", axis + 1), x), &series);
+        let places = [("angle", unit.to_string(), angle), ("speed", format!("{unit}/s"), speed)];
+        for (what, unit, x) in places {
+            let figure = drawn.over(c, channel, (&format!("axis {} {what} / {unit}", axis + 1), x), &series);
             figures.push((format!("{channel}-{what}"), figure));
         }
         figures.push((format!("{channel}-spectrum"), drawn.spectrum(c, channel, &series)));

@@ -24,10 +24,13 @@ pub fn of(dataset: &Dataset, left: &[Vec<Vec<f64>>]) -> Vec<Value> {
         let torque = dataset.channels[own];
         let n = axis + 1;
         let over = [
-            (format!("q{n} / {unit}"), of(&|k| dataset.joints[k].q[axis])),
-            (format!("q̇{n} / {unit}/s"), of(&|k| dataset.joints[k].qd[axis])),
-            (format!("q̈{n} / {unit}/s²"), of(&|k| dataset.joints[k].qdd[axis])),
-            (format!("τ{n} / {}", torque.unit(dataset.mechanism)), dataset.measured[own].to_vec()),
+            (format!("axis {n} angle / {unit}"), of(&|k| dataset.joints[k].q[axis])),
+            (format!("axis {n} speed / {unit}/s"), of(&|k| dataset.joints[k].qd[axis])),
+            (format!("axis {n} acceleration / {unit}/s²"), of(&|k| dataset.joints[k].qdd[axis])),
+            (
+                format!("{} / {}", torque.title(dataset.mechanism), torque.unit(dataset.mechanism)),
+                dataset.measured[own].to_vec(),
+            ),
         ];
         let bins: Vec<Value> = over.iter().map(|(label, x)| binned(label, x, left, c)).collect();
         let spectra: Vec<(Vec<f64>, Vec<f64>)> =
