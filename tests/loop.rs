@@ -103,9 +103,9 @@ fn hidden_socket_friction_is_named_and_taken_back_by_its_own_parameter() {
     let (held_out, _) = run(&robot, 14, 4.0, true);
     let nominal = model("irb360-6-1600");
     let (fitted, judging) = ([Dataset::new(&recording)], [Dataset::new(&held_out)]);
-    let mut told = Told::default();
-    let d = diagnose(&nominal, &fitted, &judging, &mut |report| told.hear(&report)).unwrap();
-    told.is_complete("ball_socket_coulomb", d.candidates.len());
+    let mut reports = Reports::default();
+    let d = diagnose(&nominal, &fitted, &judging, &mut |report| reports.add(&report)).unwrap();
+    reports.is_complete("ball_socket_coulomb", d.candidates.len());
     assert_eq!(d.verdict, Verdict::Effect, "{:?}", d.effects);
     assert_eq!(d.effects[0].name, "ball_socket_coulomb");
     explained_alone(&d, &fitted);
@@ -116,17 +116,17 @@ fn hidden_socket_friction_is_named_and_taken_back_by_its_own_parameter() {
     }
 }
 
-/// What a diagnosis has reported.
+/// Reports of a diagnosis.
 #[derive(Default)]
-struct Told {
+struct Reports {
     steps: Vec<String>,
     counts: Vec<(usize, usize)>,
     /// The first of the ranked candidates, their number, and the last step before.
     ranked: Option<(String, usize, String)>,
 }
 
-impl Told {
-    fn hear(&mut self, report: &Progress) {
+impl Reports {
+    fn add(&mut self, report: &Progress) {
         match *report {
             Progress::Step(what) => self.steps.push(what.into()),
             Progress::Candidates { done, of } => self.counts.push((done, of)),

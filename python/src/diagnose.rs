@@ -308,18 +308,14 @@ pub fn diagnose(
         let passed = || if task.stopped() { f64::INFINITY } else { begun.elapsed().as_secs_f64() / limit };
         let options = Options { fixed: &hold, clock: &passed, candidates: &own, ..Options::default() };
         let mut step = String::new();
-        let mut tell = |report: Progress| {
-            let text = match report {
-                Progress::Step(what) => {
-                    step = what.into();
-                    step.clone()
-                }
-                Progress::Candidates { done, of } => format!("{step}: candidate {done} of {of}"),
-                Progress::Ranked(_) => return,
-            };
+        let mut show = |report: Progress| {
+            let text = report.text(&step);
+            if let Progress::Step(what) = report {
+                step = what.into();
+            }
             task.progress(&text, begun.elapsed().as_secs_f64() / limit);
         };
-        let inner = diagnose_with(&before, &data.datasets, &data.held_out, &options, &mut tell)?;
+        let inner = diagnose_with(&before, &data.datasets, &data.held_out, &options, &mut show)?;
         Ok(Diagnosis { inner, dataset: shown(&data), before })
     })?;
     law::raised(py)?;

@@ -18,6 +18,17 @@ pub enum Progress<'a> {
     Ranked(&'a [Promise]),
 }
 
+impl Progress<'_> {
+    /// What to show of it during `step`, the last one that began.
+    pub fn text(&self, step: &str) -> String {
+        match self {
+            Self::Step(what) => (*what).into(),
+            Self::Candidates { done, of } => format!("{step}: candidate {done} of {of}"),
+            Self::Ranked(_) => step.into(),
+        }
+    }
+}
+
 /// What a candidate promises as the only addition, by the linear problem.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Promise {

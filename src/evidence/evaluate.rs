@@ -20,7 +20,7 @@ pub fn evaluate(problem: &Problem, chosen: &[Chosen], settings: &Settings) -> Re
     evaluate_for(problem, chosen, None, settings)
 }
 
-/// Assessment as [`evaluate()`], with the candidate `own` first if it passes: its rivals are compared with it.
+/// Assessment as [`evaluate()`], with the candidate `own` first, significant or not: its rivals are compared with it.
 ///
 /// # Errors
 /// As [`evaluate()`].
@@ -238,14 +238,14 @@ impl Levels {
     }
 }
 
-/// Candidates by the tail probability of their fit, the winner first, if one passes: the candidate `own` where it does.
+/// Candidates by the tail probability of their fit, the winner first: the candidate `own`, else the best if one passes.
 fn ordered(candidates: &[Assessment], own: Option<usize>, settings: &Settings) -> (Vec<usize>, Option<usize>) {
     let mut order: Vec<usize> = (0..candidates.len()).collect();
     order.sort_by(|&a, &b| {
         let (x, y) = (&candidates[a], &candidates[b]);
         x.ln_p.total_cmp(&y.ln_p).then(y.f_statistic.total_cmp(&x.f_statistic))
     });
-    let own = candidates.iter().position(|a| Some(a.candidate) == own && a.passes(settings));
+    let own = candidates.iter().position(|a| Some(a.candidate) == own);
     let winner = own.or_else(|| leader(&order, candidates, settings));
     if let Some(place) = winner.and_then(|w| order.iter().position(|&i| i == w)) {
         order[..=place].rotate_right(1);

@@ -143,8 +143,8 @@ pub fn run(
             Ok::<_, FitError>((delivered, identified))
         });
         let diagnosis = diagnose_with(model, &data.datasets, &data.held_out, &options, &mut |report| {
-            course.hear(&report);
-            step(Stage::Diagnose, DIAGNOSIS + (1.0 - DIAGNOSIS) * course.span().0, &course.text());
+            course.follow(&report);
+            step(Stage::Diagnose, DIAGNOSIS + (1.0 - DIAGNOSIS) * course.span().0, course.text());
         });
         (compared.join(), diagnosis)
     });

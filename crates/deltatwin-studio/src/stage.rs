@@ -298,8 +298,8 @@ pub(crate) fn diagnose(task: &Task, job: &Job) -> miette::Result<Outcome> {
     let options = Options { clock: &clock, ..Options::default() };
     let mut course = Course::default();
     let d = diagnose_with(&task.model, &task.data.datasets, &task.data.held_out, &options, &mut |report| {
-        course.hear(&report);
-        job.at(course.span(), &course.text());
+        course.follow(&report);
+        job.at(course.span(), course.text());
         if let Progress::Ranked(promises) = report {
             job.rank(promises);
         }

@@ -1,8 +1,8 @@
 //! The effect that explains most alone, where something is missing and no effect is significant.
 //!
-//! Few blocks of time, or parameters of the model that imitate an effect, leave its p value large and its usual size invisible. That
-//! something is missing is clear nevertheless where the error exceeds the noise in both the fitted and the validation data, and
-//! an effect that explains most of it there is a better answer than none.
+//! Few blocks of time, or parameters of the model that imitate an effect, leave its p value large and its usual size
+//! invisible. That something is missing is clear nevertheless where the error exceeds the noise in both the fitted and the
+//! validation data, and an effect that explains most of it there is a better answer than none.
 
 use super::Search;
 use super::standing::Standing;
@@ -20,10 +20,9 @@ const PROMISED: f64 = 0.3;
 const EXPLAINED: f64 = 0.7;
 
 impl Search<'_> {
-    /// The effect that explains most alone, if `standing` names nothing and leaves more than
-    /// noise.
+    /// The effect that explains most alone, if `standing` names nothing and leaves more than noise.
     pub(super) fn or_alone(
-        &mut self,
+        &self,
         standing: Standing,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Standing, DiagnosisError> {
@@ -32,14 +31,14 @@ impl Search<'_> {
         if !is_open || self.settings.max_steps == 0 || judge.fitting.is_late() || !judge.leaves_more(&standing.end) {
             return Ok(standing);
         }
-        let above = |rms: &[f64]| relative_energy(rms, &judge.floor) - judge.floor.len() as f64;
-        let most = (1.0 - EXPLAINED) * above(standing.end.rms());
+        let above = |judged: &Judged| self.above(relative_energy(judged.rms(), &judge.floor));
+        let most = (1.0 - EXPLAINED) * above(&standing.end);
         let mut best: Option<(f64, Chosen, Judged)> = None;
         for chosen in self.most_promising() {
-            progress(Progress::Step(&format!("refit with {} alone", self.names(&[chosen]).join(""))));
+            progress(Progress::Step(&format!("refit with {} alone", self.shape(&chosen).effect.name())));
             // An effect with which no machine can be fitted is left out.
             let Ok(fitted) = self.refit(&[chosen], self.all.as_ref()) else { continue };
-            let left = above(fitted.rms());
+            let left = above(&fitted);
             if left <= most && best.as_ref().is_none_or(|(least, ..)| left < *least) {
                 best = Some((left, chosen, fitted));
             }
@@ -55,9 +54,8 @@ impl Search<'_> {
     /// Effects that promise most alone, significant or not, best first.
     fn most_promising(&self) -> Vec<Chosen> {
         let Some(all) = &self.all else { return Vec::new() };
-        let above = |squares: &[f64]| all.energy(squares) - self.judge.floor.len() as f64;
-        let whole = above(&all.sum_of_squares);
-        let left = |a: &Assessment| above(&a.sum_of_squares);
+        let whole = self.above(all.energy(&all.sum_of_squares));
+        let left = |a: &Assessment| self.above(all.energy(&a.sum_of_squares));
         let is_possible = |a: &&Assessment| a.rank > 0 && !self.is_in_model(&a.name);
         let mut promising: Vec<&Assessment> = all.candidates.iter().filter(is_possible).collect();
         promising.retain(|a| left(a) <= (1.0 - PROMISED) * whole);

@@ -52,7 +52,7 @@ impl Search<'_> {
     }
 
     /// The part of an energy above the noise.
-    fn above(&self, energy: f64) -> f64 {
+    pub(super) fn above(&self, energy: f64) -> f64 {
         energy - self.judge.floor.len() as f64
     }
 

@@ -97,6 +97,19 @@ fn irrelevant_effect_is_not_reported_and_share_refers_to_the_floor() {
     assert!(share.is_some_and(|s| (s - 1.0).abs() < 0.13), "{share:?}");
 }
 
+/// What no selection adds is assessed with its rivals when it is asked for.
+#[test]
+fn a_single_effect_needs_no_significance() {
+    let p = null_problem(51, false);
+    assert!(select(&p, &quick()).unwrap().findings.is_empty());
+    let asked = Chosen { candidate: 4, variant: 0 };
+    let o = single(p, asked, &quick()).unwrap();
+    assert_eq!(o.found(), [4]);
+    let ranking = &o.findings[0].ranking;
+    assert!(ranking.of(4).is_some_and(|a| !a.passes(&quick())) && o.remaining.of(4).is_none());
+    assert_eq!(ranking.winner().map(|a| a.candidate), Some(4), "its rivals are compared with it");
+}
+
 /// The refit receives the selected effects and must return the same candidates.
 #[test]
 fn refit_is_called_and_checked() {

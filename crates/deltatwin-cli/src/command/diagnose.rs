@@ -101,7 +101,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let mut stages = Stages::new("noise");
     let mut course = Course::default();
     let answer = diagnose_with(&model, &data.datasets, &data.held_out, &options, &mut |report| {
-        course.hear(&report);
+        course.follow(&report);
         progress.set_message(format!("{:>3.0} % diagnose: {}", 100.0 * course.span().0, course.text()));
         if let Progress::Step(what) = report {
             stages.next(what);
