@@ -13,10 +13,13 @@ use crate::machine::{AXES, Configuration, Mechanism, Part, Setup};
 use crate::model::Model;
 use crate::recording::{Channel, Loads, Recording, Rows, Series, Signals, is_even};
 
-/// Half width of the differentiation, s, up to which reversals are resolved.
-const RESOLVED: f64 = 0.015;
+/// Half width of the differentiation, s, and least rate with a known sign, rad/s or m/s, up to which reversals are resolved:
+/// friction changes its sign within ±0.01 rad/s.
+const RESOLVED: (f64, f64) = (0.015, 0.01);
 /// Sampling period, s, above which reversals are not resolved.
 const SLOW: f64 = 4e-3;
+/// Sampling period, s, above which readings at unequal times that repeat show that a lone axis sticks.
+const STICKS: f64 = 0.015;
 /// Time, s, during which a lone axis that stands does not move.
 const STANDING: f64 = 0.3;
 /// Movement, in resolutions of the angle, up to which an axis stands; the resolution is at least a share of its travel.
@@ -27,9 +30,6 @@ const ROUNDED: f64 = 1.01;
 const SMOOTH: f64 = 2e-3;
 /// Time before and after a reversal that coarse angles do not resolve, in time scales of their smoothing.
 const REACH: f64 = 4.0;
-/// Rate whose sign is not determined: standard errors of it, and steps of the encoder per time scale of the smoothing, below
-/// which the errors of neighbouring readings are equal.
-const UNSIGNED: (f64, f64) = (3.0, 2.0);
 /// Number of instants at which the influence of an acceleration is computed.
 const INSTANTS: usize = 100;
 /// Least duration, s, with which samples near reversals that are not resolved are left out.
@@ -142,7 +142,7 @@ impl Dataset {
         let total: usize = pieces.iter().map(|(kept, _)| kept.len()).sum();
         let moving = match signals.mechanism {
             Mechanism::Axis(_) => moving(signals, pieces.iter().map(|(kept, _)| kept), angles.resolution(0)),
-            Mechanism::Delta { .. } => dataset.resolved(&pieces, |axis| angles.resolution(axis)),
+            Mechanism::Delta { .. } => dataset.resolved(signals, &pieces),
         };
         for ((piece, joints), moving) in pieces.into_iter().zip(&moving) {
             // A recording without gaps and rests, the largest case, is moved and not copied.
@@ -274,29 +274,27 @@ impl Dataset {
 
     /// Whether the angles of an axis are so coarse that its reversals are not resolved.
     fn is_coarse(&self) -> bool {
-        self.half_width.iter().any(|m| *m > MIN_HALF_WIDTH && *m as f64 * self.dt > RESOLVED)
+        let (time, rate) = RESOLVED;
+        let is_wide = |m: usize| m > MIN_HALF_WIDTH && m as f64 * self.dt > time;
+        self.half_width.iter().zip(&self.accuracy).any(|(m, own)| is_wide(*m) && own.rate > rate)
     }
 
-    /// Ranges of each of `pieces` in which the coarse angles of a robot determine the sign of every rate, and how it
-    /// accelerates; all of it if they hardly ever do.
+    /// Ranges of each of `pieces` in which the coarse angles of a robot determine the sign of every rate, or that the axis
+    /// stands, and how it accelerates; all of it if they hardly ever do.
     ///
     /// Friction jumps at a reversal, and the accelerations of all axes with it. Both are smoothed over the time scale of the
     /// smoothing, and friction of the wrong sign is an error of twice its size.
-    fn resolved(
-        &self,
-        pieces: &[(Range<usize>, Vec<JointState>)],
-        resolution: impl Fn(usize) -> f64,
-    ) -> Vec<Vec<Range<usize>>> {
+    fn resolved(&self, signals: &Signals, pieces: &[(Range<usize>, Vec<JointState>)]) -> Vec<Vec<Range<usize>>> {
         let of = |(piece, joints): &(Range<usize>, Vec<JointState>)| {
             let mut is_resolved = vec![true; piece.len()];
             for axis in (0..AXES).filter(|&axis| self.half_width[axis] > MIN_HALF_WIDTH) {
                 let Accuracy { width, rate, .. } = self.accuracy[axis];
                 let reach = (REACH * width / self.dt).ceil() as usize;
                 let rate_at = |k: usize| joints[k].qd[axis];
-                let least = (UNSIGNED.0 * rate).max(UNSIGNED.1 * resolution(axis) / width);
+                let stands = standing(&signals.q().0[axis][piece.clone()], reach);
                 let is_unsigned =
-                    |k: &usize| rate_at(*k).abs() < least || *k > 0 && (rate_at(k - 1) < 0.0) != (rate_at(*k) < 0.0);
-                for k in (0..piece.len()).filter(is_unsigned) {
+                    |k: &usize| rate_at(*k).abs() < rate || *k > 0 && (rate_at(k - 1) < 0.0) != (rate_at(*k) < 0.0);
+                for k in (0..piece.len()).filter(|&k| !stands[k]).filter(is_unsigned) {
                     is_resolved[k.saturating_sub(reach)..(k + reach).min(piece.len())].fill(false);
                 }
             }
@@ -540,7 +538,7 @@ fn moving<'a>(
     let still = STILL.0 * resolution.max(STILL.1 * (high - low));
     let is_uneven = !signals.stretches().iter().all(|s| is_even(&signals.t[s.clone()], signals.sample_time()));
     let window = (STANDING / signals.sample_time()).round().max(2.0) as usize;
-    let sticks = is_uneven && 2.0 * signals.sample_time() > RESOLVED;
+    let sticks = is_uneven && signals.sample_time() > STICKS;
     let of = |piece: &Range<usize>| -> Vec<Range<usize>> {
         let mut moves = vec![true; piece.len()];
         for start in piece.start..piece.end.saturating_sub(window) {
@@ -559,6 +557,20 @@ fn moving<'a>(
     let moving: Vec<Vec<Range<usize>>> = pieces.map(of).collect();
     let least = if is_uneven { ENOUGH } else { MOVING * samples(&all) };
     if samples(&moving) < least { all } else { moving }
+}
+
+/// Whether the readings do not change from `reach` samples before until `reach` samples after each sample.
+fn standing(readings: &[f64], reach: usize) -> Vec<bool> {
+    let mut stands = vec![false; readings.len()];
+    let mut first = 0;
+    for run in readings.chunk_by(|a, b| a == b) {
+        let last = first + run.len();
+        if run.len() > 2 * reach {
+            stands[first + reach..last - reach].fill(true);
+        }
+        first = last;
+    }
+    stands
 }
 
 /// Number of samples in ranges.
@@ -628,6 +640,23 @@ mod tests {
         // Within 0.3 s nothing is at rest, and a recording of rest alone is kept.
         assert_eq!(strokes(0.0, 4, 0.2).left_out, 0.0);
         assert_eq!(strokes(5.0, 0, 0.0).left_out, 0.0);
+    }
+
+    /// Arms that swing by 0.4 rad within 1 s and stand for 1 s, read in steps of 1 mrad: where the readings do not change, the
+    /// rate is known to be zero; left out are beginnings and ends of the swings only.
+    #[test]
+    fn coarse_angles_at_rest_are_kept() {
+        let swing = |k: usize| {
+            let phase = (k % 4000) as f64 * 1e-3;
+            let part = if phase < 2.0 { phase.min(1.0) } else { 1.0 - (phase - 2.0).min(1.0) };
+            (200.0 * (1.0 - (std::f64::consts::PI * part).cos())).round() * 1e-3
+        };
+        let t: Vec<f64> = (0..8000).map(|k| k as f64 * 1e-3).collect();
+        let q: Vec<[f64; 4]> = (0..8000).map(|k| [swing(k), swing(k), swing(k), 0.0]).collect();
+        let signals = Signals::of_drives(crate::model::testing::irb360().mechanism, t, &q, &vec![[0.0; 4]; 8000]);
+        let dataset = Dataset::new(&Recording { signals, ..Recording::default() });
+        assert!((0.2..0.35).contains(&dataset.left_out), "{}", dataset.left_out);
+        assert!(dataset.joints.iter().filter(|joints| joints.qd[0].abs() < 1e-3).count() > 2500);
     }
 
     /// White noise of 0.1, and AR(1) noise a = 0.6 of the same σ, whose means scatter by twice as much and whose differences

@@ -50,6 +50,9 @@ const MARGIN: f64 = 2.0;
 /// The same as a ratio of standard errors, from which a sample at unequal times is left out, unless the error is within
 /// the RMS of what it is an error of: an estimate that leaves less open than was open without it is worth having.
 const UNKNOWN: f64 = 1.7;
+/// Rate whose sign is not determined: standard errors of it, and steps of the encoder per time scale of the smoothing, below
+/// which the errors of neighbouring readings are equal.
+const UNSIGNED: (f64, f64) = (3.0, 2.0);
 /// Steps, in sampling periods, from which the middle is looked at, too.
 const GAP: f64 = 1.5;
 
@@ -122,7 +125,7 @@ impl Grid {
 pub struct Accuracy {
     /// Time scale of the smoothing, s.
     pub width: f64,
-    /// Standard error of the rate, rad/s.
+    /// Least rate whose sign is determined, rad/s.
     pub rate: f64,
     /// Standard error of the acceleration, rad/s².
     pub acceleration: f64,
@@ -139,8 +142,8 @@ pub struct Motions {
 /// Angle and its first two derivatives with respect to the sample number, of one segment.
 struct Smoothed {
     values: Vec<[f64; 3]>,
-    /// Time scale and standard errors of the derivatives, in samples and in units of the angle.
-    accuracy: Accuracy,
+    /// Time scale of the smoothing, in samples, and standard errors of the two derivatives.
+    errors: [f64; 3],
     /// Number of samples at either end that are not accurate enough.
     margin: usize,
     /// What the smoother determines; `None` without errors.
@@ -264,11 +267,12 @@ impl<'a> Angles<'a> {
         let mut segments: Vec<Segment> = self.stretches.iter().map(empty).collect();
         let mut accuracy = [Accuracy::default(); AXES];
         by_pairs(self.samples() < LONG, axis, |i, smoothed| {
-            let own = smoothed.first().map_or_else(Accuracy::default, |s| s.accuracy);
+            let [width, rate, acceleration] = smoothed.first().map_or([0.0; 3], |s| s.errors);
+            let steps = if width > 0.0 { self.resolution(i) / width } else { 0.0 };
             accuracy[i] = Accuracy {
-                width: own.width * self.dt,
-                rate: own.rate / self.dt,
-                acceleration: own.acceleration / self.dt.powi(2),
+                width: width * self.dt,
+                rate: (UNSIGNED.0 * rate).max(UNSIGNED.1 * steps) / self.dt,
+                acceleration: acceleration / self.dt.powi(2),
             };
             for (Segment { states, margin, known }, own) in segments.iter_mut().zip(smoothed) {
                 *margin = (*margin).max(own.margin);
@@ -398,7 +402,7 @@ fn paper(x: &[f64]) -> Smoothed {
     let inside = |k: usize| [x[k], x[k + 1] - x[k], x[k + 1] - 2.0 * x[k] + x[k - 1]];
     let last = x.len().saturating_sub(1);
     let values = (0..x.len()).map(|k| if k > 0 && k < last { inside(k) } else { [x[k], 0.0, 0.0] }).collect();
-    Smoothed { values, accuracy: Accuracy::default(), margin: 1, known: None }
+    Smoothed { values, errors: [0.0; 3], margin: 1, known: None }
 }
 
 /// Derivatives of local polynomials of half width `m` of angles with noise `sigma`.
@@ -412,7 +416,7 @@ fn polynomial(x: &[f64], m: usize, sigma: f64) -> Smoothed {
         }
     }
     let [rate, acceleration] = [1, 2].map(|d| kernel.noise_gain(d) * sigma);
-    Smoothed { values, accuracy: Accuracy { width: m as f64, rate, acceleration }, margin: m, known: None }
+    Smoothed { values, errors: [m as f64, rate, acceleration], margin: m, known: None }
 }
 
 /// Whether q̈ may jump in each step of a segment: an axis reverses, given the rates of all axes in rad/s, or did so
@@ -512,7 +516,7 @@ impl<'a> Axis<'a> {
         let jump = self.jump(snap, variance, turns, most);
         let margin = (MARGIN * width(snap)).ceil() as usize;
         let [rate, acceleration] = [1, 2].map(|d| self.sigma * variance.sqrt() * standard_error(snap, d));
-        let accuracy = Accuracy { width: width(snap), rate, acceleration };
+        let errors = [width(snap), rate, acceleration];
         let stretch = |s: usize| {
             let jerk = jerk(&turns[s], jump);
             let samples = self.samples(s, 0..self.stretches[s].len(), &jerk);
@@ -524,7 +528,7 @@ impl<'a> Axis<'a> {
                 *value = value.map(|x| x * self.sigma);
                 value[0] += self.origins[s];
             }
-            Smoothed { values, accuracy, margin, known: None }
+            Smoothed { values, errors, margin, known: None }
         };
         (0..self.stretches.len()).map(stretch).collect()
     }
