@@ -60,6 +60,12 @@ impl<'a> Joints<'a> {
         self.plant.set_motion(&self.states[k], motion)
     }
 
+    /// The same motion of another plant.
+    fn on<'b>(&'b self, plant: &'b Plant) -> Joints<'b> {
+        let (states, encoders) = (Cow::Borrowed(self.states.as_ref()), Cow::Borrowed(self.encoders.as_ref()));
+        Joints { plant, states, encoders, known: Laws::default() }
+    }
+
     /// The motion with the encoders at the joints.
     fn of_encoders(&self) -> Joints<'_> {
         let encoders = || Cow::Borrowed(self.encoders.as_ref());

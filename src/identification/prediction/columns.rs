@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 use super::{Channels, InternalStates, Joints, Laws, gear_springs, gears, ideal, joints, observe, predict};
 use crate::dynamics::{ChannelMap, Output, Plant, Sample, add_regressor, inverse_dynamics};
-use crate::effects::{ActiveEffect, Entry, Kind, Role};
+use crate::effects::{ActiveEffect, Entry, Kind, Part, Role, Spec};
 use crate::identification::Dataset;
 use crate::kinematics::{KinematicsError, Motion};
 
@@ -69,7 +69,7 @@ pub fn columns(
         Some(active) => vec![Wanted { active, is_candidate: true, shapes: true }],
         None => Wanted::own(plant, &rigid),
     };
-    Ok(along(dataset, &Moved::new(joints(plant, dataset)?), &wanted, 1)?.concat())
+    Ok(along(dataset, &Moved::new(joints(plant, dataset)?), &wanted, 1)?.into_iter().flatten().collect())
 }
 
 /// Predicted channels of a plant along a dataset, and their derivatives with respect to all its parameters; `known` are
@@ -86,7 +86,7 @@ pub fn prediction_and_columns(
     let known = known.completed(dataset, &joints)?;
     let moved = Moved::new(joints.knowing(known));
     let rigid = plant.rigid_bodies();
-    let columns = along(dataset, &moved, &Wanted::own(plant, &rigid), 1)?.concat();
+    let columns = along(dataset, &moved, &Wanted::own(plant, &rigid), 1)?.into_iter().flatten().collect();
     let mut predicted = moved.into_unobserved(dataset)?;
     observe(plant, dataset, &mut predicted);
     Ok((predicted, columns))
@@ -406,6 +406,32 @@ pub(super) fn terms(
     block: usize,
 ) -> Result<Vec<Vec<Channels>>, KinematicsError> {
     let plant = joints.plant;
+    let (on_drives, others): (Vec<_>, Vec<_>) = effects.iter().partition(|a| plant.assembled && is_on_drives(a));
+    if on_drives.is_empty() {
+        return terms_of(effects, dataset, joints, block);
+    }
+    // A torque of a drive does work in the virtual motion of its own channel alone, with the linkage or without.
+    let lone = Plant { assembled: false, ..plant.clone() };
+    let mut on_drives = terms_of(&on_drives, dataset, &joints.on(&lone), block)?.into_iter();
+    let mut others = terms_of(&others, dataset, joints, block)?.into_iter();
+    let of = |a: &&ActiveEffect| if is_on_drives(a) { on_drives.next() } else { others.next() };
+    Ok(effects.iter().filter_map(of).collect())
+}
+
+/// Whether a law depends on the motion of the drives alone and acts on them.
+fn is_on_drives(active: &ActiveEffect) -> bool {
+    let Spec { kind, acts_on, reads, .. } = active.effect.spec();
+    let is_law = *kind == Kind::Force && !reads.inertia && !reads.torque && !reads.reactions;
+    is_law && !active.states_read_reactions() && matches!(acts_on, Part::Drives | Part::Axis4 | Part::FourthDrive)
+}
+
+fn terms_of(
+    effects: &[&ActiveEffect],
+    dataset: &Dataset,
+    joints: &Joints,
+    block: usize,
+) -> Result<Vec<Vec<Channels>>, KinematicsError> {
+    let plant = joints.plant;
     let widths: Vec<usize> = effects.iter().map(|a| a.values.len()).collect();
     let total: usize = widths.iter().sum();
     let channels = dataset.channels.len();
@@ -413,10 +439,10 @@ pub(super) fn terms(
         return Ok(widths.iter().map(|width| vec![Channels::new(); *width]).collect());
     }
     let states = InternalStates::along(plant, effects, dataset, joints)?;
-    let plant_effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
-    let plant_states = InternalStates::along(plant, &plant_effects, dataset, joints)?;
     let reads_reactions = effects.iter().any(|a| a.effect.spec().reads.reactions);
     let reads = reads_reactions || effects.iter().any(|a| a.effect.spec().reads.torque);
+    let plant_effects: Vec<&ActiveEffect> = plant.effects.iter().filter(|_| reads).collect();
+    let plant_states = InternalStates::along(plant, &plant_effects, dataset, joints)?;
     let blocks: Vec<Range<usize>> = dataset.blocks(block).collect();
     let sum = |range: &Range<usize>, motion: &mut Motion, out: &mut [f64]| {
         for k in range.clone() {
@@ -537,6 +563,25 @@ mod tests {
         assert_eq!(middle.measured[0][199..201], [997.0, 1003.0]);
         approx::assert_relative_eq!(middle.t[200], 1003.0 * DT);
         assert_eq!(middle.half_width, [3; 4]);
+    }
+
+    /// Laws on the drives have the columns that follow from the motion of the whole linkage, strut forces included.
+    #[test]
+    fn laws_on_the_drives_need_no_linkage() {
+        let (model, dataset) = (irb360(), dataset());
+        let plant = Plant::new(&model, &dataset.setup);
+        let joints = joints(&plant, &dataset).unwrap();
+        let all: Vec<ActiveEffect> =
+            REGISTRY.iter().map(|e| ActiveEffect::absent_on(Arc::clone(e), model.host()).at_nominal_size()).collect();
+        let on_drives: Vec<&ActiveEffect> = all.iter().filter(|a| is_on_drives(a)).collect();
+        assert!(on_drives.len() > 8 && on_drives.iter().any(|a| a.effect.name() == "axis4_friction"));
+        let alone = terms(&on_drives, &dataset, &joints, 1).unwrap();
+        let whole = terms_of(&on_drives, &dataset, &joints, 1).unwrap();
+        for (active, (alone, whole)) in on_drives.iter().zip(alone.iter().zip(&whole)) {
+            let apart = alone.iter().flatten().flatten().zip(whole.iter().flatten().flatten());
+            let worst = apart.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(worst < 1e-12, "{}: {worst:.1e}", active.effect.name());
+        }
     }
 
     /// Force laws agree to rounding; differences at the middle deviate from the mean over a block by c̈·(5·dt)²/24,
