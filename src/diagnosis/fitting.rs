@@ -51,6 +51,10 @@ const PREDICTION: f64 = 0.3;
 const FULL: f64 = 50_000.0;
 const LEAST: f64 = 0.25;
 
+/// Decrease of the cost below which a fit ends, as [`FitOptions::progress`]: far below that of an effect that is named, and
+/// of a parameter that moves by its standard error.
+const PROGRESS: f64 = 0.3;
+
 /// Share of the time after which no further effect is searched.
 const LAST_SEARCH: f64 = 0.6;
 /// The share for the first effect, large enough for a slow computer to try it.
@@ -123,8 +127,13 @@ impl<'a> Fitting<'a> {
             self.was_stopped.fetch_or(is_late, Ordering::Relaxed);
             is_late
         };
-        let options =
-            FitOptions { fixed: self.fixed, kept: Some(&self.kept), stop: Some(&stop), ..FitOptions::default() };
+        let options = FitOptions {
+            fixed: self.fixed,
+            kept: Some(&self.kept),
+            progress: Some(PROGRESS),
+            stop: Some(&stop),
+            ..FitOptions::default()
+        };
         let fitted = fit_with(model, self.datasets, &self.noise.of_each, &options)?;
         let mut work = self.work.lock().unwrap_or_else(PoisonError::into_inner);
         work.fits += 1;

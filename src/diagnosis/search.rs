@@ -109,6 +109,8 @@ fn find_along(
         search.accept_lag(late)?;
     }
     let mut begun: Vec<Chosen> = Vec::new();
+    // The last selection of which an effect was refused.
+    let mut refuted: Option<(Outcome, Judged)> = None;
     loop {
         judge.fitting.go_on()?;
         progress(Progress::Step("evidence"));
@@ -121,6 +123,10 @@ fn find_along(
                     search.exclude_lag();
                     continue;
                 }
+                // Without time for another selection, what stands of the last one is the answer.
+                let is_begun = !(outcome.cut_short && outcome.findings.is_empty());
+                let (outcome, end) = refuted.take().filter(|_| !is_begun).unwrap_or((outcome, end));
+                let selection = (outcome.clone(), end.clone());
                 match search.confirm(outcome, end)? {
                     Ok(standing) => {
                         if judge.is_more_than_noise(standing.end.rms()) {
@@ -130,7 +136,10 @@ fn find_along(
                         let best = search.or_alone(best, progress)?;
                         return Ok(search.found(best));
                     }
-                    Err(name) => name,
+                    Err(name) => {
+                        refuted = Some(selection);
+                        name
+                    }
                 }
             }
             Selection::Lag(late, others) => {

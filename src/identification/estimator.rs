@@ -37,20 +37,24 @@ impl Estimator {
         finite.then(|| Self { size: size.clone(), data, prior: prior.clone(), inverse })
     }
 
-    /// Gauss–Newton step from parameters with the distance `offset` from their prior; those in `fixed` do not move.
-    pub fn step(&self, normal: &NormalEquations, offset: &DVector<f64>, fixed: &[usize]) -> DVector<f64> {
+    /// Gauss–Newton step from parameters with the distance `offset` from their prior; those `held` move by the given
+    /// amounts.
+    pub fn step(&self, normal: &NormalEquations, offset: &DVector<f64>, held: &[(usize, f64)]) -> DVector<f64> {
         let pull = offset.component_div(&self.size).component_mul(&self.prior);
         let gradient = normal.score.component_mul(&self.size) - pull;
         let mut step = &self.inverse * gradient;
-        // Step of least cost that leaves the fixed parameters unchanged: s − P_h·P_hh⁻¹·s_h, with P the inverse.
-        let own = DMatrix::from_fn(fixed.len(), fixed.len(), |i, j| self.inverse[(fixed[i], fixed[j])]);
-        let back = DVector::from_fn(fixed.len(), |i, _| step[fixed[i]]);
+        // Step of least cost with the given amounts d: s − P_h·P_hh⁻¹·(s_h − d), with P the inverse.
+        let own = DMatrix::from_fn(held.len(), held.len(), |i, j| self.inverse[(held[i].0, held[j].0)]);
+        let excess = |i: usize| step[held[i].0] - held[i].1 / self.size[held[i].0];
+        let back = DVector::from_fn(held.len(), |i, _| excess(i));
         if let Some(factor) = own.cholesky() {
-            for (share, &h) in factor.solve(&back).iter().zip(fixed) {
-                step -= self.inverse.column(h) * *share;
+            for (share, (h, _)) in factor.solve(&back).iter().zip(held) {
+                step -= self.inverse.column(*h) * *share;
             }
         }
-        step.component_mul(&self.size)
+        let mut step = step.component_mul(&self.size);
+        held.iter().for_each(|(h, by)| step[*h] = *by);
+        step
     }
 
     /// Curvature YᵀWY + prior of the cost, in natural units.

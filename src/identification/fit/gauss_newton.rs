@@ -13,8 +13,7 @@ use crate::identification::normal_equations::{NormalEquations, Weight};
 use crate::model::Model;
 
 const MAX_ITERATIONS: usize = 8;
-/// Decrease of the cost that counts as progress, in units of the mean cost of a residual if that exceeds the noise's:
-/// moving a parameter by its standard error changes the cost by about one such unit.
+/// Default of [`super::Options::progress`].
 const PROGRESS: f64 = 0.01;
 /// Number of rounds of reweighting.
 const ROUNDS: usize = 4;
@@ -85,7 +84,7 @@ impl Regression<'_> {
             if iteration > 0 && (self.stop)() {
                 break;
             }
-            let progress = PROGRESS * self.scale(here.cost);
+            let progress = self.progress.unwrap_or(PROGRESS) * self.scale(here.cost);
             let step = self.step(&solution, &here.values);
             if 0.5 * step.dot(&(&solution.normal.information * &step)) < progress {
                 break;
@@ -125,12 +124,24 @@ impl Regression<'_> {
         Point { model: solution.model.clone(), values, residuals, cost }
     }
 
-    /// Gauss–Newton step from `values`; shape parameters at a bound that the step would cross are held.
+    /// Step of least linearised cost from `values`, in which shape parameters stay within [`Self::permitted`].
     fn step(&self, solution: &Solution, values: &DVector<f64>) -> DVector<f64> {
         let Solution { normal, estimator, .. } = solution;
         let offset = values - &self.prior;
-        let free = estimator.step(normal, &offset, &[]);
-        estimator.step(normal, &offset, &self.at_bound(values, &free))
+        let mut held: Vec<(usize, f64)> = Vec::new();
+        loop {
+            let step = estimator.step(normal, &offset, &held);
+            let limited = |i: usize| {
+                let most = self.permitted(values, i, step[i]);
+                let is_free = held.iter().all(|(h, _)| *h != i);
+                (is_free && most != step[i]).then_some((i, most))
+            };
+            let beyond: Vec<(usize, f64)> = (0..values.len()).filter_map(limited).collect();
+            if beyond.is_empty() {
+                return step;
+            }
+            held.extend(beyond);
+        }
     }
 
     /// Whether some shape parameter has no column that the next linearisation may have: that of an effect which had the
@@ -167,29 +178,22 @@ impl Regression<'_> {
         None
     }
 
-    /// Shape parameters at a bound that the step would cross.
-    fn at_bound(&self, values: &DVector<f64>, step: &DVector<f64>) -> Vec<usize> {
-        let crosses = |&i: &usize| {
-            let p = &self.parameters[i];
-            let out = (values[i] <= p.range.0 && step[i] < 0.0) || (values[i] >= p.range.1 && step[i] > 0.0);
-            p.role == Role::Shape && out
-        };
-        (0..values.len()).filter(crosses).collect()
+    /// Values after a damped step.
+    fn moved(&self, values: &DVector<f64>, step: &DVector<f64>, damping: f64) -> DVector<f64> {
+        DVector::from_fn(values.len(), |i, _| values[i] + self.permitted(values, i, damping * step[i]))
     }
 
-    /// Values after a damped step; shape parameters change by at most half their value, those that may be zero by at
-    /// most half their usual size if that is larger, and stay within their range.
-    fn moved(&self, values: &DVector<f64>, step: &DVector<f64>, damping: f64) -> DVector<f64> {
-        DVector::from_fn(values.len(), |i, _| {
-            let p = &self.parameters[i];
-            let d = damping * step[i];
-            if p.role == Role::Shape {
-                let least = if p.range.0 <= 0.0 { p.usual } else { 0.0 };
-                let most = 0.5 * values[i].abs().max(least);
-                (values[i] + d.clamp(-most, most)).clamp(p.range.0, p.range.1)
-            } else {
-                values[i] + d
-            }
-        })
+    /// The part of the change `by` of parameter `i` that one step may make: a shape parameter changes by at most half its
+    /// value, one that may be zero by at most half its usual size if that is larger, and stays within its range.
+    fn permitted(&self, values: &DVector<f64>, i: usize, by: f64) -> f64 {
+        let (p, value) = (&self.parameters[i], values[i]);
+        if p.role != Role::Shape {
+            return by;
+        }
+        let least = if p.range.0 <= 0.0 { p.usual } else { 0.0 };
+        let most = 0.5 * value.abs().max(least);
+        let by = by.clamp(-most, most);
+        let there = value + by;
+        if there < p.range.0 || there > p.range.1 { there.clamp(p.range.0, p.range.1) - value } else { by }
     }
 }
