@@ -45,7 +45,7 @@ pub(super) enum Stage {
 
 /// Most work of a diagnosis, in passes over the data of an axis that compute all columns of a model, so that the same
 /// recordings have the same answer on every computer; and the work of a pass that predicts, in such passes.
-const MOST_PASSES: f64 = 400.0;
+const MOST_PASSES: f64 = 300.0;
 const PREDICTION: f64 = 0.3;
 /// Samples below which a pass counts less, and the least share that it counts.
 const FULL: f64 = 50_000.0;

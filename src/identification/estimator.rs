@@ -37,6 +37,17 @@ impl Estimator {
         finite.then(|| Self { size: size.clone(), data, prior: prior.clone(), inverse })
     }
 
+    /// The estimator with the share `damping` of the curvature along each parameter in addition; `None` without any, or if
+    /// the sum is not positive definite.
+    pub fn damped(&self, damping: f64) -> Option<Self> {
+        if damping == 0.0 {
+            return None;
+        }
+        let added = DMatrix::from_diagonal(&(self.data.diagonal() * damping + &self.prior));
+        let inverse = (&self.data + added).cholesky()?.inverse();
+        Some(Self { size: self.size.clone(), data: self.data.clone(), prior: self.prior.clone(), inverse })
+    }
+
     /// Gauss–Newton step from parameters with the distance `offset` from their prior; those `held` move by the given
     /// amounts.
     pub fn step(&self, normal: &NormalEquations, offset: &DVector<f64>, held: &[(usize, f64)]) -> DVector<f64> {

@@ -1,4 +1,5 @@
-//! Parameters of least cost by Gauss–Newton iteration, damped where parameters enter nonlinearly.
+//! Parameters of least cost by Gauss–Newton iteration, damped where parameters enter nonlinearly ([Levenberg 1944],
+//! [Marquardt 1963]).
 
 use std::sync::Arc;
 
@@ -15,6 +16,9 @@ use crate::model::Model;
 const MAX_ITERATIONS: usize = 8;
 /// Default of [`super::Options::progress`].
 const PROGRESS: f64 = 0.01;
+/// Successive trials of a step: shares of the curvature along each parameter by which it is damped, and of its length. The
+/// first damping keeps what the data hardly determine, such as all torques of a drive with the factor of its sensor.
+const TRIALS: [(f64, f64); 6] = [(0.0, 1.0), (1e-5, 1.0), (1e-5, 0.25), (1e-5, 0.0625), (1e-5, 0.0156), (1e-5, 0.0039)];
 /// Number of rounds of reweighting.
 const ROUNDS: usize = 4;
 /// Residual, in robust standard deviations, above which it is downweighted: 95 % efficiency for normal noise
@@ -79,23 +83,25 @@ impl Regression<'_> {
     }
 
     fn iterated(&self, mut solution: Solution, weight: Weight) -> Result<Solution, FitError> {
-        let mut here = self.point(&solution, weight);
+        let (mut here, mut damping) = (self.point(&solution, weight), 0);
         for iteration in 0..MAX_ITERATIONS {
             if iteration > 0 && (self.stop)() {
                 break;
             }
             let progress = self.progress.unwrap_or(PROGRESS) * self.scale(here.cost);
-            let step = self.step(&solution, &here.values);
+            let step = self.step(&solution.normal, &solution.estimator, &here.values);
             if 0.5 * step.dot(&(&solution.normal.information * &step)) < progress {
                 break;
             }
-            let next = self.search(&here, &step, weight, iteration > 0);
-            if !next.as_ref().unwrap_or(&here).cost.is_finite() {
+            let next = self.search(&here, &solution, weight, damping, iteration > 0);
+            if !next.as_ref().map_or(&here, |(next, _)| next).cost.is_finite() {
                 return Err(FitError::NotFinite);
             }
-            let Some(next) = next else { break };
+            let Some((next, damped)) = next else { break };
+            // The undamped step is tried again after a damped one that was not shortened at once.
+            damping = usize::from(damped > damping);
             let (step, change) = (&next.values - &here.values, here.cost - next.cost);
-            let is_accurate = !self.is_blind(&solution, &here.values);
+            let is_accurate = damped == 0 && !self.is_blind(&solution, &here.values);
             let promised = solution.normal.score.dot(&step) - 0.5 * step.dot(&(&solution.normal.information * &step))
                 + self.prior_cost(&here.values)
                 - self.prior_cost(&next.values);
@@ -124,9 +130,8 @@ impl Regression<'_> {
         Point { model: solution.model.clone(), values, residuals, cost }
     }
 
-    /// Step of least linearised cost from `values`, in which shape parameters stay within [`Self::permitted`].
-    fn step(&self, solution: &Solution, values: &DVector<f64>) -> DVector<f64> {
-        let Solution { normal, estimator, .. } = solution;
+    /// Step of least linearised cost from `values` in which shape parameters change as [`Self::permitted`].
+    fn step(&self, normal: &NormalEquations, estimator: &Estimator, values: &DVector<f64>) -> DVector<f64> {
         let offset = values - &self.prior;
         let mut held: Vec<(usize, f64)> = Vec::new();
         loop {
@@ -155,32 +160,34 @@ impl Regression<'_> {
         of(Role::Shape).any(|i| solution.normal.information[(i, i)] == 0.0 && is_absent(i))
     }
 
-    /// First point along a step, which is repeatedly shortened to a quarter, whose cost is not larger; `None` without
-    /// such a point, or if `may_stop` and the fit is stopped.
-    fn search(&self, from: &Point, step: &DVector<f64>, weight: Weight, may_stop: bool) -> Option<Point> {
-        let mut damping = 1.0;
-        while damping > 1e-3 {
+    /// First of the [`TRIALS`] from `first` on whose cost is not larger, and its number; `None` without any, or if `may_stop`
+    /// and the fit is stopped.
+    fn search(
+        &self,
+        from: &Point,
+        solution: &Solution,
+        weight: Weight,
+        first: usize,
+        may_stop: bool,
+    ) -> Option<(Point, usize)> {
+        for (place, (damping, length)) in TRIALS.iter().enumerate().skip(first) {
+            let damped = solution.estimator.damped(*damping);
+            let step = self.step(&solution.normal, damped.as_ref().unwrap_or(&solution.estimator), &from.values);
             let mut model = from.model.clone();
-            let values = self.moved(&from.values, step, damping);
+            let values = &from.values + step * *length;
             self.set(&mut model, &values);
             // Trials need no columns. A step to a machine that cannot be assembled is too long.
             if let Ok(residuals) = self.residuals(&model) {
                 let cost = self.cost(&residuals, &values, weight);
                 if cost <= from.cost {
-                    return Some(Point { model, values, residuals: Arc::new(residuals), cost });
+                    return Some((Point { model, values, residuals: Arc::new(residuals), cost }, place));
                 }
             }
             if may_stop && (self.stop)() {
                 break;
             }
-            damping *= 0.25;
         }
         None
-    }
-
-    /// Values after a damped step.
-    fn moved(&self, values: &DVector<f64>, step: &DVector<f64>, damping: f64) -> DVector<f64> {
-        DVector::from_fn(values.len(), |i, _| values[i] + self.permitted(values, i, damping * step[i]))
     }
 
     /// The part of the change `by` of parameter `i` that one step may make: a shape parameter changes by at most half its
