@@ -31,37 +31,49 @@ impl ChannelMap {
     /// has drive torques only.
     ///
     /// # Errors
-    /// [`KinematicsError::Singular`] if the Jacobian or, with strut forces among the channels, the matrix of the strut
-    /// lines is singular.
+    /// As [`Self::set`].
     pub fn new(
         geometry: &Geometry,
         motion: &Motion,
         assembled: bool,
         channels: &[Channel],
     ) -> Result<Self, KinematicsError> {
+        let mut map = Self::without_motion(channels);
+        map.set(geometry, motion, assembled)?;
+        Ok(map)
+    }
+
+    /// Projection onto `channels` before it is [`Self::set`]: nothing moves.
+    pub(crate) fn without_motion(channels: &[Channel]) -> Self {
+        Self { channels: channels.to_vec(), twists: vec![[STILL; SLOTS]; channels.len()] }
+    }
+
+    /// Sets the projection at a pose of the machine for which it was set before.
+    ///
+    /// # Errors
+    /// [`KinematicsError::Singular`] if the Jacobian or, with strut forces among the channels, the matrix of the strut
+    /// lines is singular.
+    pub(crate) fn set(&mut self, geometry: &Geometry, motion: &Motion, assembled: bool) -> Result<(), KinematicsError> {
         let plate = match assembled && !geometry.has_platform_of_three() {
             true => Some(PlateMotions::new(geometry, motion)?),
             false => None,
         };
-        let with_struts = !channels.iter().all(|c| c.drive().is_some());
+        let with_struts = !self.channels.iter().all(|c| c.drive().is_some());
         let three = if assembled && plate.is_none() { Some(Three::new(geometry, motion, with_struts)?) } else { None };
-        let twists = channels.iter().map(|&channel| match (&plate, &three) {
-            (Some(plate), _) => of_plate(motion, plate, channel),
-            (None, Some(three)) => three.twists(motion, channel),
-            (None, None) => {
-                let (arms, rotor) = drives(channel, motion.limbs);
-                let mut xi = [STILL; SLOTS];
-                set_drives(&mut xi, motion, &arms, rotor);
-                xi
+        for (xi, &channel) in self.twists.iter_mut().zip(&self.channels) {
+            match (&plate, &three) {
+                (Some(plate), _) => *xi = of_plate(motion, plate, channel),
+                (None, Some(three)) => three.set_twists(motion, channel, xi),
+                (None, None) => {
+                    let (arms, rotor) = drives(channel, motion.limbs);
+                    set_drives(xi, motion, &arms, rotor);
+                }
             }
-        });
-        let mut twists: Vec<[Twist; SLOTS]> = twists.collect();
-        for (xi, channel) in twists.iter_mut().zip(channels) {
-            if let Channel::StrutUpper(s) = *channel {
+            if let Channel::StrutUpper(s) = channel {
                 xi[strut(s)].0 += motion.strut_axis[s];
             }
         }
-        Ok(Self { channels: channels.to_vec(), twists })
+        Ok(())
     }
 
     /// Inertia of all bodies on the channels' virtual motions, Σ ξᵀ M ξ: of drives their mass matrix, kg·m² or kg.
@@ -140,14 +152,14 @@ impl Three {
         Ok(Self { jacobian, gaps: if with_struts { Some(gap_inverse(motion)?) } else { None } })
     }
 
-    fn twists(&self, motion: &Motion, channel: Channel) -> [Twist; SLOTS] {
+    fn set_twists(&self, motion: &Motion, channel: Channel, xi: &mut [Twist; SLOTS]) {
         let (arms, rotor) = drives(channel, motion.limbs);
         let platform = match (channel, &self.gaps) {
             (Channel::Torque(axis), _) if axis < motion.limbs => twist(self.jacobian.column(axis).into_owned()),
             (Channel::StrutUpper(s) | Channel::StrutLower(s), Some(gaps)) => twist(gaps.column(s).into_owned()),
             _ => STILL,
         };
-        spread(motion, &arms, rotor, &platform)
+        spread(xi, motion, &arms, rotor, &platform);
     }
 }
 
@@ -184,16 +196,14 @@ fn set_drives(xi: &mut [Twist; SLOTS], motion: &Motion, arms: &[f64; MAX_LIMBS],
     xi[ROTOR].1 = Vector3::z() * rotor;
 }
 
-/// Twists of all bodies of three limbs for given arm rates, rotor rate and platform twist; struts do not spin.
-pub(crate) fn spread(motion: &Motion, arms: &[f64; MAX_LIMBS], rotor: f64, platform: &Twist) -> [Twist; SLOTS] {
-    let mut xi = [STILL; SLOTS];
-    set_drives(&mut xi, motion, arms, rotor);
+/// Sets the twists of all bodies of three limbs for given arm rates, rotor rate and platform twist; struts do not spin.
+fn spread(xi: &mut [Twist; SLOTS], motion: &Motion, arms: &[f64; MAX_LIMBS], rotor: f64, platform: &Twist) {
+    set_drives(xi, motion, arms, rotor);
     xi[PLATFORM] = *platform;
-    spread_struts(motion, &mut xi);
+    spread_struts(motion, xi);
     for (k, twist) in spread_chain(motion, rotor, platform).into_iter().enumerate() {
         xi[END_EFFECTOR + k] = twist;
     }
-    xi
 }
 
 /// Sets the twists of the struts from those of their ends; they do not spin.

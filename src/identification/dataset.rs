@@ -1,43 +1,19 @@
 //! [`Dataset`]: a recording prepared for the dynamics.
 
+mod determined;
+
 use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
+use self::determined::moving;
 use super::derivatives::{Accuracy, Angles, Method, Motions};
 use super::filtering::MIN_HALF_WIDTH;
-use crate::dynamics::{Plant, steady_inverse_dynamics};
-use crate::evidence::noise::difference_sigma;
+use crate::dynamics::Plant;
 use crate::kinematics::JointState;
 use crate::machine::{AXES, Configuration, Mechanism, Part, Setup};
 use crate::model::Model;
 use crate::recording::{Channel, Loads, Recording, Rows, Series, Signals, is_even};
-
-/// Half width of the differentiation, s, and least rate with a known sign, rad/s or m/s, up to which reversals are resolved:
-/// friction changes its sign within ±0.01 rad/s.
-const RESOLVED: (f64, f64) = (0.015, 0.01);
-/// Sampling period, s, above which reversals are not resolved.
-const SLOW: f64 = 4e-3;
-/// Sampling period, s, above which readings at unequal times that repeat show that a lone axis sticks.
-const STICKS: f64 = 0.015;
-/// Time, s, during which a lone axis that stands does not move.
-const STANDING: f64 = 0.3;
-/// Movement, in resolutions of the angle, up to which an axis stands; the resolution is at least a share of its travel.
-const STILL: (f64, f64) = (3.0, 1e-5);
-/// Difference of readings, in resolutions of the angle, up to which they are the same or neighbouring steps.
-const ROUNDED: f64 = 1.01;
-/// Duration of means, s, whose differences still show noise only: a torque is smooth over a few of them.
-const SMOOTH: f64 = 2e-3;
-/// Time before and after a reversal that coarse angles do not resolve, in time scales of their smoothing.
-const REACH: f64 = 4.0;
-/// Number of instants at which the influence of an acceleration is computed.
-const INSTANTS: usize = 100;
-/// Least duration, s, with which samples near reversals that are not resolved are left out.
-const LEAST: f64 = 0.25;
-/// Least share of the samples in motion with which those at rest are left out; at unequal times, least number of them: ten
-/// for each parameter of inertia, friction and weight.
-const MOVING: f64 = 0.2;
-const ENOUGH: f64 = 50.0;
 
 /// Smoothed joint motion with the measured channels at the same samples.
 #[derive(Clone, Debug)]
@@ -261,78 +237,11 @@ impl Dataset {
         sparse
     }
 
-    /// Whether the angles of an axis are so coarse, or sampled so slowly, that its reversals are not resolved: friction
-    /// jumps there, and its smoothing error resembles effects.
-    pub fn blurs_reversals(&self) -> bool {
-        self.is_coarse() || self.dt > SLOW
-    }
-
-    /// Whether the motion is smoothed at reversals that the dataset contains, while the torques are not.
-    pub fn smooths_reversals(&self) -> bool {
-        self.blurs_reversals() && (self.dt > SLOW || self.left_out == 0.0 || self.mechanism.axes() == 1)
-    }
-
-    /// Whether the angles of an axis are so coarse that its reversals are not resolved.
-    fn is_coarse(&self) -> bool {
-        let (time, rate) = RESOLVED;
-        let is_wide = |m: usize| m > MIN_HALF_WIDTH && m as f64 * self.dt > time;
-        self.half_width.iter().zip(&self.accuracy).any(|(m, own)| is_wide(*m) && own.rate > rate)
-    }
-
-    /// Ranges of each of `pieces` in which the coarse angles of a robot determine the sign of every rate, or that the axis
-    /// stands, and how it accelerates; all of it if they hardly ever do.
-    ///
-    /// Friction jumps at a reversal, and the accelerations of all axes with it. Both are smoothed over the time scale of the
-    /// smoothing, and friction of the wrong sign is an error of twice its size.
-    fn resolved(&self, signals: &Signals, pieces: &[(Range<usize>, Vec<JointState>)]) -> Vec<Vec<Range<usize>>> {
-        let of = |(piece, joints): &(Range<usize>, Vec<JointState>)| {
-            let mut is_resolved = vec![true; piece.len()];
-            for axis in (0..AXES).filter(|&axis| self.half_width[axis] > MIN_HALF_WIDTH) {
-                let Accuracy { width, rate, .. } = self.accuracy[axis];
-                let reach = (REACH * width / self.dt).ceil() as usize;
-                let rate_at = |k: usize| joints[k].qd[axis];
-                let stands = standing(&signals.q().0[axis][piece.clone()], reach);
-                let is_unsigned =
-                    |k: &usize| rate_at(*k).abs() < rate || *k > 0 && (rate_at(k - 1) < 0.0) != (rate_at(*k) < 0.0);
-                for k in (0..piece.len()).filter(|&k| !stands[k]).filter(is_unsigned) {
-                    is_resolved[k.saturating_sub(reach)..(k + reach).min(piece.len())].fill(false);
-                }
-            }
-            let long = |run: &Range<usize>| run.len() > 2 * MIN_HALF_WIDTH;
-            runs(&is_resolved, piece.start).into_iter().filter(long).collect()
-        };
-        let all: Vec<Vec<Range<usize>>> = pieces.iter().map(|(piece, _)| vec![piece.clone()]).collect();
-        if !self.is_coarse() {
-            return all;
-        }
-        let resolved: Vec<Vec<Range<usize>>> = pieces.iter().map(of).collect();
-        if samples(&resolved) * self.dt < LEAST { all } else { resolved }
-    }
-
     /// Samples at which an axis has another direction than at the one before, within segments.
     pub fn reversals(&self, axis: usize) -> impl Iterator<Item = usize> {
         let rate = move |k: usize| self.joints[k].qd[axis];
         let within = self.segments.iter().flat_map(|s| s.start + 1..s.end);
         within.filter(move |&k| (rate(k - 1) < 0.0) != (rate(k) < 0.0))
-    }
-
-    /// Time over which the angles are smoothed, s, of the axis with the coarsest ones, where that hides reversals.
-    pub fn smoothing(&self) -> Option<f64> {
-        let widest = self.accuracy.iter().fold(0.0f64, |most, own| most.max(own.width));
-        self.blurs_reversals().then_some(2.0 * REACH * widest)
-    }
-
-    /// What became of the reversals of a robot with coarse angles.
-    pub fn on_coarse_angles(&self) -> Option<String> {
-        let is_cut = matches!(self.mechanism, Mechanism::Delta { .. }) && self.left_out > 0.0;
-        let time = self.smoothing().filter(|_| is_cut)?;
-        Some(format!(
-            "{}: the angles are so coarse that they are smoothed over {:.0} ms; {:.0} % of the samples, near reversals that \
-             this hides, left out",
-            self.name,
-            1e3 * time,
-            100.0 * self.left_out
-        ))
     }
 
     /// Time from sample `k − 1` to sample `k`, s: the sampling period, unless the times say otherwise.
@@ -432,75 +341,6 @@ impl Dataset {
         let of = |(t, torque): (&f64, &f64)| torque - load.of_axis(*t).unwrap_or(0.0);
         Cow::Owned(self.t.iter().zip(&self.measured[c]).map(of).collect())
     }
-
-    /// Noise standard deviation of each channel's residual: of its sensor, and of the accelerations by coarse angles.
-    pub fn noise(&self, model: &Model) -> Vec<f64> {
-        let of = |(sensor, angles): (f64, f64)| sensor.hypot(angles);
-        self.sensor_noise(model).into_iter().zip(self.noise_by_angles(model)).map(of).collect()
-    }
-
-    /// RMS error of each predicted channel, N·m or N, by the standard errors of the accelerations.
-    ///
-    /// A channel changes by h_j = ∂τ/∂q̈_j with the acceleration of axis j, on which it depends linearly.
-    fn noise_by_angles(&self, model: &Model) -> Vec<f64> {
-        let mut squares = vec![0.0; self.channels.len()];
-        let plant = self.plant(model);
-        let stride = stride_for(self.len(), INSTANTS);
-        let with_struts = self.channels.iter().any(|c| c.drive().is_none());
-        let channels = |k: usize, axis: usize, by: f64| {
-            let mut joints = self.joints[k];
-            joints.qdd[axis] += by;
-            let motion = plant.motion(&joints)?;
-            steady_inverse_dynamics(&plant, self.t[k], &motion, with_struts)
-        };
-        let axes = (0..self.mechanism.axes()).filter(|&axis| self.accuracy[axis].acceleration > 0.0);
-        for (axis, k) in axes.flat_map(|axis| (0..self.len()).step_by(stride).map(move |k| (axis, k))) {
-            let error = self.accuracy[axis].acceleration;
-            // A pose that the machine cannot take is reported by the prediction.
-            let (Ok(less), Ok(more)) = (channels(k, axis, -error), channels(k, axis, error)) else { continue };
-            for (sum, channel) in squares.iter_mut().zip(&self.channels) {
-                *sum += (0.5 * (more.of(*channel) - less.of(*channel))).powi(2);
-            }
-        }
-        let instants = self.len().div_ceil(stride).max(1) as f64;
-        squares.into_iter().map(|sum| (sum / instants).sqrt()).collect()
-    }
-
-    /// Noise standard deviation of each channel's sensor: from the setup, else estimated from the channel's differences, else
-    /// from the model.
-    fn sensor_noise(&self, model: &Model) -> Vec<f64> {
-        let sigma = |c: usize| {
-            let drive = self.channels[c].drive();
-            let stated = drive.zip(self.setup.torque_noise).map(|(i, stated)| stated[i]).filter(|s| *s > 0.0);
-            let stated = stated.filter(|_| self.loads.is_none());
-            let seen = || difference_sigma(&self.borne(c), &self.segments, 4).filter(|s| *s > 0.0);
-            stated.or_else(seen).unwrap_or(drive.map_or(model.noise.strut_force, |i| model.noise.torque[i]))
-        };
-        (0..self.channels.len()).map(sigma).collect()
-    }
-
-    /// Standard deviation of the noise in means over `block` samples of each channel: σ/√n of white noise of the
-    /// [`Self::noise`] σ, n = `block`.
-    ///
-    /// Noise with memory averages less. Its means over m samples, `SMOOTH` long, scatter by σ_m > σ/√m; a mean over n
-    /// samples contains n/m of them and scatters by σ_m·√(m/n). Of a memory as long as m it is a lower bound, as
-    /// [`difference_sigma`] sees neighbouring means only: of AR(1) noise a = 0.6 at 2.5 kHz 1.27 σ/√n instead of 2 σ/√n.
-    ///
-    /// Errors of the accelerations are largest at the inverse of the smoothing's time scale w: a wave of that frequency has
-    /// the mean square ½·sinc²(T/2w) in means over T, here 1/(1 + ½·(T/w)²) of it.
-    pub fn noise_of_means(&self, model: &Model, block: usize) -> Vec<f64> {
-        let inner = self.stride(SMOOTH).min(block);
-        let segments = averaged_segments(std::slice::from_ref(self), inner);
-        let of = |(c, sigma): (usize, f64)| {
-            let seen = difference_sigma(&self.means(&self.borne(c), inner), &segments, 4).unwrap_or(0.0);
-            (sigma / (block as f64).sqrt()).max(seen * (inner as f64 / block as f64).sqrt())
-        };
-        let width = self.accuracy.iter().fold(0.0f64, |most, own| most.max(own.width));
-        let waves = block as f64 * self.dt / width.max(f64::MIN_POSITIVE);
-        let kept = (1.0 + 0.5 * waves.powi(2)).sqrt().recip();
-        let sensor = self.sensor_noise(model).into_iter().enumerate().map(of);
-        sensor.zip(self.noise_by_angles(model)).map(|(sensor, angles)| sensor.hypot(kept * angles)).collect()
-    }
 }
 
 /// Segments of all datasets one after another, after averaging over blocks of `block` samples.
@@ -518,81 +358,6 @@ pub fn averaged_segments(datasets: &[Dataset], block: usize) -> Vec<Range<usize>
 /// independent of the duration; decimation that depends on frequencies uses [`Dataset::stride`].
 pub fn stride_for(n: usize, most: usize) -> usize {
     n.div_ceil(most.max(1)).max(1)
-}
-
-/// Ranges of each of `pieces` in which a lone axis moves; all of it if it hardly ever does.
-///
-/// Static friction takes any value up to its limit at rest, so the torque of an axis that stands is no function of its
-/// state. Positions within a few resolutions over [`STANDING`] are rest; and of an axis that is read at unequal times and so
-/// rarely that its reversals are not resolved, a reading that its neighbours repeat: it sticks and slips, and the sign of its rate
-/// is not determined there.
-fn moving<'a>(
-    signals: &Signals,
-    pieces: impl Iterator<Item = &'a Range<usize>> + Clone,
-    resolution: f64,
-) -> Vec<Vec<Range<usize>>> {
-    let all: Vec<Vec<Range<usize>>> = pieces.clone().map(|p| vec![p.clone()]).collect();
-    let angles = &signals[Channel::Angle(0)];
-    let angle = |k: usize| angles[k];
-    let (low, high) = angles.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
-    let still = STILL.0 * resolution.max(STILL.1 * (high - low));
-    let is_uneven = !signals.stretches().iter().all(|s| is_even(&signals.t[s.clone()], signals.sample_time()));
-    let window = (STANDING / signals.sample_time()).round().max(2.0) as usize;
-    let sticks = is_uneven && signals.sample_time() > STICKS;
-    let of = |piece: &Range<usize>| -> Vec<Range<usize>> {
-        let mut moves = vec![true; piece.len()];
-        for start in piece.start..piece.end.saturating_sub(window) {
-            let near = |k: usize| (angle(k) - angle(start)).abs() <= still;
-            if (start..=start + window).all(near) {
-                moves[start - piece.start..=start + window - piece.start].fill(false);
-            }
-        }
-        for k in (piece.start + 1..piece.end.saturating_sub(1)).filter(|_| sticks) {
-            moves[k - piece.start] &=
-                (angle(k - 1) - angle(k)).abs().max((angle(k + 1) - angle(k)).abs()) > ROUNDED * resolution;
-        }
-        let long = |run: &Range<usize>| is_uneven || run.len() > 2 * MIN_HALF_WIDTH;
-        runs(&moves, piece.start).into_iter().filter(long).collect()
-    };
-    let moving: Vec<Vec<Range<usize>>> = pieces.map(of).collect();
-    let least = if is_uneven { ENOUGH } else { MOVING * samples(&all) };
-    if samples(&moving) < least { all } else { moving }
-}
-
-/// Whether the readings do not change from `reach` samples before until `reach` samples after each sample.
-fn standing(readings: &[f64], reach: usize) -> Vec<bool> {
-    let mut stands = vec![false; readings.len()];
-    let mut first = 0;
-    for run in readings.chunk_by(|a, b| a == b) {
-        let last = first + run.len();
-        if run.len() > 2 * reach {
-            stands[first + reach..last - reach].fill(true);
-        }
-        first = last;
-    }
-    stands
-}
-
-/// Number of samples in ranges.
-fn samples(ranges: &[Vec<Range<usize>>]) -> f64 {
-    ranges.iter().flatten().map(Range::len).sum::<usize>() as f64
-}
-
-/// Runs of `true`, shifted by `offset`.
-fn runs(flags: &[bool], offset: usize) -> Vec<Range<usize>> {
-    let mut found = Vec::new();
-    let mut start = None;
-    for (k, flag) in flags.iter().chain([&false]).enumerate() {
-        match (flag, start) {
-            (true, None) => start = Some(k),
-            (false, Some(first)) => {
-                found.push(first + offset..k + offset);
-                start = None;
-            }
-            _ => {}
-        }
-    }
-    found
 }
 
 fn measured_channels(signals: &Signals, configuration: Configuration) -> Vec<Channel> {

@@ -444,7 +444,7 @@ fn terms_of(
     let plant_effects: Vec<&ActiveEffect> = plant.effects.iter().filter(|_| reads).collect();
     let plant_states = InternalStates::along(plant, &plant_effects, dataset, joints)?;
     let blocks: Vec<Range<usize>> = dataset.blocks(block).collect();
-    let sum = |range: &Range<usize>, motion: &mut Motion, out: &mut [f64]| {
+    let sum = |range: &Range<usize>, (motion, map): &mut (Motion, ChannelMap), out: &mut [f64]| {
         for k in range.clone() {
             joints.set_motion(k, motion)?;
             let loads = if reads {
@@ -453,13 +453,13 @@ fn terms_of(
             } else {
                 Output::default()
             };
-            let map = ChannelMap::new(&plant.geometry, motion, plant.assembled, &dataset.channels)?;
+            map.set(&plant.geometry, motion, plant.assembled)?;
             let mut at = 0;
             for (i, (active, width)) in effects.iter().zip(&widths).enumerate() {
                 let state = states.of(k, i);
                 let rows = &mut out[at * channels..(at + width) * channels];
                 let sample = Sample { t: dataset.t[k], motion, loads: &loads };
-                add_regressor(plant, active, &sample, state, &map, rows).map_err(|e| e.at_sample(k))?;
+                add_regressor(plant, active, &sample, state, map, rows).map_err(|e| e.at_sample(k))?;
                 at += width;
             }
         }
@@ -469,10 +469,10 @@ fn terms_of(
     let chunks: Vec<Vec<f64>> = blocks
         .par_chunks(CHUNK)
         .map(|chunk| {
-            let mut motion = Motion::REST;
+            let mut there = (Motion::REST, ChannelMap::without_motion(&dataset.channels));
             let mut rows = vec![0.0; chunk.len() * total * channels];
             for (range, row) in chunk.iter().zip(rows.chunks_exact_mut(total * channels)) {
-                sum(range, &mut motion, row)?;
+                sum(range, &mut there, row)?;
             }
             Ok(rows)
         })
