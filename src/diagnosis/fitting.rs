@@ -45,15 +45,11 @@ pub(super) enum Stage {
 
 /// Most work of a diagnosis, in passes over the data of an axis that compute all columns of a model, so that the same
 /// recordings have the same answer on every computer; and the work of a pass that predicts, in such passes.
-const MOST_PASSES: f64 = 300.0;
+const MOST_PASSES: f64 = 400.0;
 const PREDICTION: f64 = 0.3;
 /// Samples below which a pass counts less, and the least share that it counts.
 const FULL: f64 = 50_000.0;
 const LEAST: f64 = 0.25;
-
-/// Decrease of the cost below which a fit ends, as [`FitOptions::progress`]: far below that of an effect that is named, and
-/// of a parameter that moves by its standard error.
-const PROGRESS: f64 = 0.3;
 
 /// Share of the time after which no further effect is searched.
 const LAST_SEARCH: f64 = 0.6;
@@ -127,13 +123,8 @@ impl<'a> Fitting<'a> {
             self.was_stopped.fetch_or(is_late, Ordering::Relaxed);
             is_late
         };
-        let options = FitOptions {
-            fixed: self.fixed,
-            kept: Some(&self.kept),
-            progress: Some(PROGRESS),
-            stop: Some(&stop),
-            ..FitOptions::default()
-        };
+        let options =
+            FitOptions { fixed: self.fixed, kept: Some(&self.kept), stop: Some(&stop), ..FitOptions::default() };
         let fitted = fit_with(model, self.datasets, &self.noise.of_each, &options)?;
         let mut work = self.work.lock().unwrap_or_else(PoisonError::into_inner);
         work.fits += 1;

@@ -75,9 +75,6 @@ pub struct Options<'a> {
     pub fixed: &'a [String],
     /// The datasets of the fit with the columns that the models of several fits share; ignored for other datasets.
     pub kept: Option<&'a [KeptColumns<'a>]>,
-    /// Decrease of the cost that counts as progress, in units of the mean cost of a residual if that exceeds the noise's;
-    /// `None`: 0.01. Moving a parameter by its standard error changes the cost by about one such unit.
-    pub progress: Option<f64>,
     /// Condition that ends the fit with the best parameters so far; at least one step is made.
     pub stop: Option<Stop<'a>>,
 }

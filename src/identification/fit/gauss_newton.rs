@@ -14,7 +14,8 @@ use crate::identification::normal_equations::{NormalEquations, Weight};
 use crate::model::Model;
 
 const MAX_ITERATIONS: usize = 8;
-/// Default of [`super::Options::progress`].
+/// Decrease of the cost that counts as progress, in units of the mean cost of a residual if that exceeds the noise's:
+/// moving a parameter by its standard error changes the cost by about one such unit.
 const PROGRESS: f64 = 0.01;
 /// Successive trials of a step: shares of the curvature along each parameter by which it is damped, and of its length. The
 /// first damping keeps what the data hardly determine, such as all torques of a drive with the factor of its sensor.
@@ -88,7 +89,7 @@ impl Regression<'_> {
             if iteration > 0 && (self.stop)() {
                 break;
             }
-            let progress = self.progress.unwrap_or(PROGRESS) * self.scale(here.cost);
+            let progress = PROGRESS * self.scale(here.cost);
             let step = self.step(&solution.normal, &solution.estimator, &here.values);
             if 0.5 * step.dot(&(&solution.normal.information * &step)) < progress {
                 break;

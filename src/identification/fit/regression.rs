@@ -37,7 +37,6 @@ pub(super) struct Regression<'a> {
     /// γ of each estimated parameter.
     pub weights: DVector<f64>,
     pub consistency: Consistency,
-    pub progress: Option<f64>,
     pub stop: Stop<'a>,
     /// Work so far.
     pub work: Cell<Work>,
@@ -105,7 +104,6 @@ impl<'a> Regression<'a> {
             information,
             weights: DVector::from_vec(weights),
             consistency: options.consistency,
-            progress: options.progress,
             stop: options.stop.unwrap_or(NEVER),
             work: Cell::default(),
         })
