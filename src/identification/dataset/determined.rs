@@ -50,26 +50,21 @@ impl Dataset {
         self.half_width.iter().zip(&self.accuracy).any(|(m, own)| is_wide(*m) && own.rate > rate)
     }
 
-    /// Ranges of each of `pieces` in which the coarse angles of a robot determine the sign of every rate, or that the axis
-    /// stands, and how it accelerates; all of it if they hardly ever do.
+    /// Ranges of each of `pieces` in which the coarse angles of a robot determine the sign of every rate, and how it
+    /// accelerates; all of it if they hardly ever do.
     ///
     /// Friction jumps at a reversal, and the accelerations of all axes with it. Both are smoothed over the time scale of the
-    /// smoothing, and friction of the wrong sign is an error of twice its size.
-    pub(super) fn resolved(
-        &self,
-        signals: &Signals,
-        pieces: &[(Range<usize>, Vec<JointState>)],
-    ) -> Vec<Vec<Range<usize>>> {
+    /// smoothing, and friction of the wrong sign is an error of twice its size. At rest it takes any value up to its limit.
+    pub(super) fn resolved(&self, pieces: &[(Range<usize>, Vec<JointState>)]) -> Vec<Vec<Range<usize>>> {
         let of = |(piece, joints): &(Range<usize>, Vec<JointState>)| {
             let mut is_resolved = vec![true; piece.len()];
             for axis in (0..AXES).filter(|&axis| self.half_width[axis] > MIN_HALF_WIDTH) {
                 let Accuracy { width, rate, .. } = self.accuracy[axis];
                 let reach = (REACH * width / self.dt).ceil() as usize;
                 let rate_at = |k: usize| joints[k].qd[axis];
-                let stands = standing(&signals.q().0[axis][piece.clone()], reach);
                 let is_unsigned =
                     |k: &usize| rate_at(*k).abs() < rate || *k > 0 && (rate_at(k - 1) < 0.0) != (rate_at(*k) < 0.0);
-                for k in (0..piece.len()).filter(|&k| !stands[k]).filter(is_unsigned) {
+                for k in (0..piece.len()).filter(is_unsigned) {
                     is_resolved[k.saturating_sub(reach)..(k + reach).min(piece.len())].fill(false);
                 }
             }
@@ -141,20 +136,6 @@ pub(super) fn moving<'a>(
     let moving: Vec<Vec<Range<usize>>> = pieces.map(of).collect();
     let least = if is_uneven { ENOUGH } else { MOVING * samples(&all) };
     if samples(&moving) < least { all } else { moving }
-}
-
-/// Whether the readings do not change from `reach` samples before until `reach` samples after each sample.
-fn standing(readings: &[f64], reach: usize) -> Vec<bool> {
-    let mut stands = vec![false; readings.len()];
-    let mut first = 0;
-    for run in readings.chunk_by(|a, b| a == b) {
-        let last = first + run.len();
-        if run.len() > 2 * reach {
-            stands[first + reach..last - reach].fill(true);
-        }
-        first = last;
-    }
-    stands
 }
 
 /// Number of samples in ranges.
