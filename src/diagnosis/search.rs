@@ -124,8 +124,8 @@ fn find_along(
                     continue;
                 }
                 // Without time for another selection, what stands of the last one is the answer.
-                let is_begun = !(outcome.cut_short && outcome.findings.is_empty());
-                let (outcome, end) = refuted.take().filter(|_| !is_begun).unwrap_or((outcome, end));
+                let is_cut_at_once = outcome.cut_short && outcome.findings.is_empty();
+                let (outcome, end) = refuted.take().filter(|_| is_cut_at_once).unwrap_or((outcome, end));
                 let selection = (outcome.clone(), end.clone());
                 match search.confirm(outcome, end)? {
                     Ok(standing) => {

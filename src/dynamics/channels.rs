@@ -69,7 +69,7 @@ impl ChannelMap {
                     set_drives(xi, motion, &arms, rotor);
                 }
             }
-            if let Channel::StrutUpper(s) = channel {
+            if assembled && let Channel::StrutUpper(s) = channel {
                 xi[strut(s)].0 += motion.strut_axis[s];
             }
         }

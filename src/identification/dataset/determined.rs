@@ -101,8 +101,8 @@ impl Dataset {
 
 /// Ranges of each of `pieces` in which a lone axis moves; all of it if it hardly ever does.
 ///
-/// Static friction takes any value up to its limit at rest, so the torque of an axis that stands is no function of its
-/// state. Positions within a few resolutions over [`STANDING`] are rest; and of an axis that is read at unequal times and so
+/// The torque of a standing axis is not a function of its state, because static friction takes any value up to its limit.
+/// Positions within a few resolutions over [`STANDING`] are rest; and of an axis that is read at unequal times and so
 /// rarely that its reversals are not resolved, a reading that its neighbours repeat: it sticks and slips, and the sign of its rate
 /// is not determined there.
 pub(super) fn moving<'a>(

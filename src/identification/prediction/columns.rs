@@ -425,6 +425,7 @@ fn is_on_drives(active: &ActiveEffect) -> bool {
     is_law && !active.states_read_reactions() && matches!(acts_on, Part::Drives | Part::Axis4 | Part::FourthDrive)
 }
 
+/// [`terms`] on the plant of `joints`.
 fn terms_of(
     effects: &[&ActiveEffect],
     dataset: &Dataset,
