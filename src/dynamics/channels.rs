@@ -31,7 +31,8 @@ impl ChannelMap {
     /// has drive torques only.
     ///
     /// # Errors
-    /// As [`Self::set`].
+    /// [`KinematicsError::Singular`] if the Jacobian or, with strut forces among the channels, the matrix of the strut
+    /// lines is singular.
     pub fn new(
         geometry: &Geometry,
         motion: &Motion,
