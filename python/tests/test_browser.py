@@ -158,15 +158,15 @@ def test_any_signal_is_drawn_over_any_other_by_keyboard(report: Any) -> None:
     names = [report.get_by_label(f"signal on {axis}") for axis in "yx"]
     assert names[0].locator("option").count() == names[1].locator("option").count() > 12
     pictures = set()
-    # A residual over a rate at first; the letter `q` goes from one signal of this name to the next.
-    for keys, label in [("", "residual of "), ("q", "q of axis 1 over "), ("q", "q of axis 2 over ")]:
+    # A residual over a rate at first; the letter `a` goes from one signal of an axis to the next.
+    for keys, label in [("", "residual of "), ("a", "axis 1 angle over "), ("a", "axis 2 angle over ")]:
         names[0].focus()
         report.keyboard.type(keys)
-        assert pair.get_attribute("aria-label").startswith(label)
+        sync_api.expect(pair).to_have_attribute("aria-label", re.compile(f"^{label}"))
         pictures.add(pair.locator("canvas").evaluate("e => e.toDataURL()"))
     assert len(pictures) == 3
     # A signal over itself is a straight line.
-    names[1].select_option(label="q of axis 2")
+    names[1].select_option(label="axis 2 angle")
     sync_api.expect(pair).to_contain_text("r 1")
     for width in WIDTHS.values():
         report.set_viewport_size({"width": width, "height": 900})
