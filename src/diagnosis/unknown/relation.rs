@@ -18,8 +18,8 @@ pub const SHARE: f64 = 0.1;
 const SURE: f64 = 3.0;
 /// Rank correlation between energy and intensity of the motion that is a relation, and its standard errors.
 const RANKED: (f64, f64) = (0.2, 4.0);
-/// Ratio of the energies above the noise in two motions that noise does not reach.
-const LOUDER: f64 = 2.5;
+/// Ratio of the energies above the noise in two motions that noise does not reach, and Student's t of their difference.
+const LOUDER: (f64, f64) = (2.5, 4.0);
 /// Nodes of the function of one quantity, at equal counts.
 const NODES: usize = 25;
 /// Penalties that are compared, relative to the mean weight of a node.
@@ -35,17 +35,16 @@ const BLOCK: usize = 50;
 pub fn is_related(found: &Ground, judged: &Ground, channel: usize) -> bool {
     let residual = of(judged, channel);
     let before = energies(residual);
-    let [excess, fitted] = [excess(residual), excess(of(found, channel))];
-    let least = UNEXPLAINED.powi(2) - 1.0;
-    if excess <= least {
+    // The noise has the mean square 1.
+    let excess = before.iter().sum::<f64>() / residual.len().max(1) as f64 - 1.0;
+    if excess <= UNEXPLAINED.powi(2) - 1.0 {
         return false;
     }
     let predicted = Functions::new(found).fit(found, channel).predict(judged);
     let rest: Vec<f64> = residual.iter().zip(&predicted).map(|(r, p)| r - p).collect();
     let (explained, t) = gain(&before, &energies(&rest));
     let is_predicted = explained >= SHARE * excess * residual.len() as f64 && t >= SURE;
-    let is_alike = excess <= LOUDER * fitted.max(least) && fitted <= LOUDER * excess;
-    is_predicted || !is_alike || is_louder_in_motion(judged, &before)
+    is_predicted || is_louder_in_one(found, judged, channel) || is_louder_in_motion(judged, &before)
 }
 
 /// Sums of squares of a residual over blocks of time.
@@ -53,15 +52,31 @@ fn energies(residual: &[f64]) -> Vec<f64> {
     residual.chunks(BLOCK).map(|block| block.iter().map(|x| x * x).sum()).collect()
 }
 
-/// Mean square of a residual above the noise, which has 1.
-fn excess(residual: &[f64]) -> f64 {
-    residual.iter().map(|x| x * x).sum::<f64>() / residual.len().max(1) as f64 - 1.0
-}
-
 /// Residual of a channel.
 fn of<'a>(ground: &'a Ground, channel: usize) -> &'a [f64] {
     let n = ground.instants.len();
     &ground.residual[channel * n..(channel + 1) * n]
+}
+
+/// Whether the residual is larger in one of two motions. Noise of a sensor is as large in both, in N·m; the error by coarse
+/// angles, which is not, is part of the noise that is subtracted.
+fn is_louder_in_one(found: &Ground, judged: &Ground, channel: usize) -> bool {
+    let [(a, of_a), (b, of_b)] = [found, judged].map(|seen| above_noise(seen, channel));
+    let (less, more) = (a.0.min(b.0), a.0.max(b.0));
+    let least = (UNEXPLAINED.powi(2) - 1.0) * of_a.max(of_b);
+    more > LOUDER.0 * less.max(least) && more - less > LOUDER.1 * a.1.hypot(b.1)
+}
+
+/// Mean energy of a residual above the noise with its standard error by blocks of time, and energy of the noise; (N·m)² or N².
+fn above_noise(seen: &Ground, channel: usize) -> ((f64, f64), f64) {
+    let noise = |k: &usize| seen.sight.noise[seen.sight.recording[*k]][channel].powi(2);
+    let mean = |block: &[f64]| block.iter().sum::<f64>() / block.len().max(1) as f64;
+    let noises: Vec<f64> = seen.instants.iter().map(noise).collect();
+    let above: Vec<f64> = of(seen, channel).iter().zip(&noises).map(|(r, noise)| (r * r - 1.0) * noise).collect();
+    let blocks: Vec<f64> = above.chunks(BLOCK).map(mean).collect();
+    let about = mean(&above);
+    let scatter = blocks.iter().map(|x| (x - about).powi(2)).sum::<f64>() / blocks.len().saturating_sub(1).max(1) as f64;
+    ((about, (scatter / blocks.len().max(1) as f64).sqrt()), mean(&noises))
 }
 
 /// Whether the energy per block is larger, or smaller, where an axis moves or accelerates more.
@@ -197,7 +212,7 @@ mod tests {
     /// Two motions of three incommensurate frequencies at 500 Hz, seen one after the other, with a residual of them.
     fn sight(residual: impl Fn(usize, &dyn Fn(&str) -> f64) -> f64) -> Sight {
         let index = |name: &str| Variable::named(name).expect("a variable").index();
-        let mut sight = Sight { variables: vec![vec![0.0; LEN]; 40], recording: vec![0; LEN], ..Sight::default() };
+        let mut sight = Sight { variables: vec![vec![0.0; LEN]; 40], recording: vec![0; LEN], noise: vec![vec![1.0]], ..Sight::default() };
         for k in 0..LEN {
             let t = k as f64 * 2e-3 + if k < LEN / 2 { 0.0 } else { 31.0 };
             for axis in 0..3 {
@@ -215,7 +230,12 @@ mod tests {
     }
 
     fn related(sight: &Sight) -> bool {
-        let [found, judged] = [0..LEN / 2, LEN / 2..LEN].map(|range| Ground::new(sight, range.collect()));
+        related_by(sight, LEN / 2)
+    }
+
+    /// Whether the first instants of the first motion predict the second one.
+    fn related_by(sight: &Sight, first: usize) -> bool {
+        let [found, judged] = [0..first, LEN / 2..LEN].map(|range| Ground::new(sight, range.collect()));
         is_related(&found, &judged, 0)
     }
 
@@ -231,16 +251,29 @@ mod tests {
         (0..LEN).map(next).collect()
     }
 
-    /// Correlation times of 2 ms (white) to 50 ms, at three times the noise floor.
+    /// Correlation times of 2 ms (white) to 50 ms, at three times the noise floor; motions of 16 s, and 0.8 s of the first one.
     #[test]
     fn noise_is_not_related_whatever_its_memory() {
-        for memory in [0.0, 0.6, 0.9, 0.96] {
+        for (memory, first) in [0.0, 0.6, 0.9, 0.96].into_iter().flat_map(|a| [(a, LEN / 2), (a, 400)]) {
             let false_alarms = (0..20).filter(|&seed| {
                 let e = noise(memory, seed);
-                related(&sight(|k, _| 3.0 * e[k]))
+                related_by(&sight(|k, _| 3.0 * e[k]), first)
             });
-            assert!(false_alarms.count() <= 1, "{memory}");
+            assert!(false_alarms.count() <= 1, "{memory}, {first} instants");
         }
+    }
+
+    /// Noise with a memory, 3 N·m, in a motion with a floor of 1 N·m and in one with 2 N·m, as of coarse angles.
+    #[test]
+    fn equal_noise_over_unequal_floors_is_not_related() {
+        let (e, white) = (noise(0.9, 3), noise(0.0, 4));
+        let recording = |k| usize::from(k >= LEN / 2);
+        let mut sight = sight(|k, _| 3.0 * e[k] / [1.0, 2.0][recording(k)] + white[k]);
+        sight.noise = vec![vec![1.0], vec![2.0]];
+        sight.recording = (0..LEN).map(recording).collect();
+        assert!(!related(&sight));
+        sight.noise[1] = vec![1.0];
+        assert!(related(&sight), "3 N·m and 1.5 N·m");
     }
 
     /// A quarter of the variance above the floor: a bump over the angle, a product that no function of one quantity contains,

@@ -21,6 +21,8 @@ const STEP: f64 = 2e-3;
 /// Residuals of a model along recordings, with the regressors that may explain them.
 #[derive(Clone, Debug, Default)]
 pub struct Sight {
+    /// Standard deviation of the noise of the means that the instants stand for, `[recording][channel]`, N·m or N.
+    pub noise: Vec<Vec<f64>>,
     /// Residual `[channel][instant]`, in units of the channel's noise.
     pub residual: Vec<Vec<f64>>,
     /// Columns of the model's parameters, `[parameter][channel][instant]`, in units of the channel's noise.
@@ -46,7 +48,8 @@ impl Sight {
     pub fn new(model: &Model, datasets: &[Dataset], residuals: &Residuals, fixed: &[String]) -> Result<Self, FitError> {
         let mut sight = Self::default();
         for (number, (dataset, full)) in datasets.iter().zip(&residuals.series).enumerate() {
-            sight.add(&dataset.plant(model), (number, dataset), full, (&dataset.noise(model), fixed))?;
+            sight.noise.push(dataset.noise_of_means(model, dataset.stride(STEP)));
+            sight.add(&dataset.plant(model), (number, dataset), full, fixed)?;
         }
         Ok(sight)
     }
@@ -73,14 +76,15 @@ impl Sight {
         plant: &Plant,
         (number, dataset): (usize, &Dataset),
         full: &Channels,
-        (noise, fixed): (&[f64], &[String]),
+        fixed: &[String],
     ) -> Result<(), FitError> {
         let stride = dataset.stride(STEP);
         let thin = dataset.averaged(stride);
         let failed = kinematics(dataset);
+        let noise = self.noise[number].clone();
         let scaled = |mut channels: Channels| {
-            for (series, sigma) in channels.iter_mut().zip(noise) {
-                series.iter_mut().for_each(|x| *x *= (stride as f64).sqrt() / sigma);
+            for (series, sigma) in channels.iter_mut().zip(&noise) {
+                series.iter_mut().for_each(|x| *x /= sigma);
             }
             channels
         };
