@@ -5,7 +5,7 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use super::instants::{Instants, Predicted, heavier};
+use super::instants::{Instants, Predicted, beyond_friction, friction, heavier};
 use super::line::Line;
 use crate::dynamics::Plant;
 use crate::identification::dataset::stride_for;
@@ -88,6 +88,14 @@ impl Arrangement {
         all
     }
 
+    /// Whether it only renames arms: column and angle in the same order, of unchanged sense and zero.
+    pub fn renames_arms(&self, arms: usize) -> bool {
+        self.angle == self.torque
+            && (arms..AXES).all(|i| self.angle[i] == i)
+            && self.sign == Self::PLAIN.sign
+            && self.zero == Self::PLAIN.zero
+    }
+
     /// Number of deviations from the file's own arrangement.
     fn changes(&self) -> usize {
         let count = |differs: &dyn Fn(usize) -> bool| (0..AXES).filter(|&i| differs(i)).count();
@@ -132,17 +140,24 @@ pub struct Trial<'a> {
     plant: &'a Plant,
     /// The machine with a kilogram more, if loads are tried.
     heavier: Option<Plant>,
+    /// Whether only the part of the torques beyond a constant and the friction of each axis counts.
+    frees_friction: bool,
 }
 
 impl<'a> Trial<'a> {
     /// The machine as its setup states it.
     pub fn new(plant: &'a Plant) -> Self {
-        Self { plant, heavier: None }
+        Self { plant, heavier: None, frees_friction: false }
+    }
+
+    /// The machine with any offset and friction of the axes, which a fit determines.
+    pub fn beyond_friction(plant: &'a Plant) -> Self {
+        Self { frees_friction: true, ..Self::new(plant) }
     }
 
     /// The machine with any load.
     pub fn loaded(plant: &'a Plant) -> Self {
-        Self { plant, heavier: Some(heavier(plant)) }
+        Self { heavier: Some(heavier(plant)), ..Self::new(plant) }
     }
 
     /// Assessment of an arrangement with the load that suits it best; `None` if the machine cannot reach the poses.
@@ -157,8 +172,14 @@ impl<'a> Trial<'a> {
         let column = |c: usize| dataset.channels[c].drive().map_or(c, |i| arrangement.torque[i]);
         let measured: Vec<Vec<f64>> =
             (0..dataset.channels.len()).map(|c| predicted.of(instants.measured(column(c), 0))).collect();
+        let friction = |c: usize| dataset.channels[c].drive().map(|i| friction(&joints, i).map(|f| predicted.of(f)));
+        let frictions: Vec<_> = (0..measured.len()).map(|c| friction(c).filter(|_| self.frees_friction)).collect();
+        let line = |((p, m), friction): ((&Vec<f64>, &Vec<f64>), &Option<[Vec<f64>; 2]>)| match friction {
+            Some(f) => Line::of(&beyond_friction(p, f)?, &beyond_friction(m, f)?),
+            None => Line::of(p, m),
+        };
         let judged = |series: &[Vec<f64>], load: f64| {
-            let lines: Vec<Option<Line>> = series.iter().zip(&measured).map(|(p, m)| Line::of(p, m)).collect();
+            let lines: Vec<Option<Line>> = series.iter().zip(&measured).zip(&frictions).map(line).collect();
             let cost = lines.iter().flatten().map(cost).sum::<f64>() + CHANGE * arrangement.changes() as f64;
             Judgement { arrangement, load, lines, cost }
         };

@@ -8,6 +8,7 @@ use crate::dynamics::{Output, Plant, inverse_dynamics};
 use crate::effects::Kind;
 use crate::identification::Dataset;
 use crate::identification::dataset::stride_for;
+use crate::identification::least_squares::least_squares;
 use crate::kinematics::{JointState, KinematicsError};
 use crate::machine::Inertia;
 use crate::machine::bodies::END_EFFECTOR;
@@ -16,6 +17,9 @@ use crate::recording::Channel;
 
 /// Largest lag considered, s.
 pub const LONGEST_LAG: f64 = 0.025;
+
+/// Steepness of the friction feature, s/rad (eq. 48).
+const STEEPNESS: f64 = 100.0;
 
 /// Samples of a dataset spread over its duration, at least the largest lag away from the ends of segments.
 pub struct Instants<'a> {
@@ -76,6 +80,21 @@ pub fn carrying(plant: &Plant, load: Inertia) -> Plant {
     let (carrier, load) = loaded.carrier(END_EFFECTOR, load);
     loaded.bodies[carrier] += load;
     loaded
+}
+
+/// Rate of an axis in rad/s and its smooth sign, over which viscous and Coulomb friction are regressed.
+pub fn friction(joints: &[JointState], axis: usize) -> [Vec<f64>; 2] {
+    let rates: Vec<f64> = joints.iter().map(|j| j.qd[axis]).collect();
+    let signs = rates.iter().map(|r| (STEEPNESS * r).tanh()).collect();
+    [rates, signs]
+}
+
+/// The part of a torque that neither a constant nor `friction` of its axis explains; `None` if these are not independent.
+pub fn beyond_friction(torque: &[f64], friction: &[Vec<f64>; 2]) -> Option<Vec<f64>> {
+    let ones = vec![1.0; torque.len()];
+    let features = [&ones[..], &friction[0], &friction[1]];
+    let beta = least_squares(&features, torque)?.beta;
+    Some(torque.iter().enumerate().map(|(k, y)| y - (0..3).map(|a| beta[a] * features[a][k]).sum::<f64>()).collect())
 }
 
 /// Predictions at a set of instants: one series per channel of the dataset, and which poses are reachable.

@@ -3,8 +3,7 @@
 //! A shift keeps the steps of friction steep, a first-order low-pass 1/(1 + T·s) smooths them; both delay slow
 //! torques by T.
 
-use super::instants::Predicted;
-use super::mild::STEEPNESS;
+use super::instants::{Predicted, friction};
 use crate::dynamics::Plant;
 use crate::effects::LowPassStep;
 use crate::identification::Dataset;
@@ -82,8 +81,7 @@ impl<'a> Series<'a> {
         let predicted = Predicted::new(plant, &dataset.channels, t, &joints);
         let drives = plant.mechanism.axes().min(predicted.series.len());
         let axis = |i: usize| {
-            let rates: Vec<f64> = joints.iter().map(|j| j.qd[i]).collect();
-            let signs = rates.iter().map(|r| (STEEPNESS * r).tanh()).collect();
+            let [rates, signs] = friction(&joints, i);
             [predicted.series[i].clone(), rates, signs]
         };
         let all = predicted.possible.iter().all(|p| *p);

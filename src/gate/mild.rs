@@ -1,6 +1,6 @@
 //! Findings that do not prevent a fit: lag, a load that the setup does not state, constant torques.
 
-use super::instants::{Instants, Predicted};
+use super::instants::{Instants, Predicted, friction};
 use super::load::{Load, carries};
 use super::low_pass::low_pass;
 use super::{Evidence, Finding, Problem, Remedy, rounded};
@@ -10,8 +10,6 @@ use crate::identification::residuals::{difference, rms};
 use crate::kinematics::JointState;
 use crate::model::Model;
 
-/// Steepness of the friction feature, s/rad (eq. 48).
-pub(super) const STEEPNESS: f64 = 100.0;
 /// Decrease of ln(unexplained) required for a lag, of the mean over the axes or of one axis with a lag of its own.
 const LAG_GAIN: f64 = 0.4;
 /// Share of the mean square of one axis' torque that a lag of its own may leave unexplained.
@@ -67,12 +65,7 @@ impl<'a> Context<'a> {
         let joints = instants.joints(|j| *j);
         let predicted = Predicted::new(plant, &dataset.channels, dataset.t.first().copied().unwrap_or(0.0), &joints);
         let drives = plant.mechanism.axes().min(predicted.series.len());
-        let friction = |i: usize| {
-            let rates: Vec<f64> = joints.iter().map(|j| j.qd[i]).collect();
-            let signs = rates.iter().map(|r| (STEEPNESS * r).tanh()).collect();
-            [rates, signs]
-        };
-        let friction = (0..drives).map(friction).collect();
+        let friction = (0..drives).map(|i| friction(&joints, i)).collect();
         let possible = predicted.possible.iter().all(|p| *p);
         let ones = vec![1.0; joints.len()];
         possible.then(|| Self { plant, instants, predicted, friction, joints, noise: dataset.noise(model), ones })

@@ -68,7 +68,7 @@ pub fn find(model: &Model, plant: &Plant, instants: &Instants) -> Vec<Finding> {
         return judged.as_ref().map_or_else(Vec::new, |judged| context(judged).findings());
     }
     let other = if strange { Trial::new(plant).best(instants) } else { None };
-    let other = other.filter(|b| believable(b, plain.as_ref(), plant));
+    let other = other.filter(|b| believable(b, plain.as_ref(), plant, instants));
     if let Some(found) = (strange && other.is_none()).then(|| with_load(model, plant, instants)).flatten() {
         return found;
     }
@@ -90,7 +90,7 @@ fn with_load(model: &Model, plant: &Plant, instants: &Instants) -> Option<Vec<Fi
     }
     let trial = Trial::loaded(plant);
     let plain = trial.judge(instants, Arrangement::PLAIN);
-    let best = trial.best(instants).filter(|b| b.load > 0.0 && believable(b, plain.as_ref(), plant))?;
+    let best = trial.best(instants).filter(|b| b.load > 0.0 && believable(b, plain.as_ref(), plant, instants))?;
     if !best.lines.iter().take(plant.mechanism.arms()).flatten().all(|l| l.slope < 0.0 || usual(l)) {
         return None;
     }
@@ -111,10 +111,21 @@ fn with_load(model: &Model, plant: &Plant, instants: &Instants) -> Option<Vec<Fi
 }
 
 /// Whether an arrangement explains the recording and the file's own does not.
-fn believable(other: &Judgement, plain: Option<&Judgement>, plant: &Plant) -> bool {
+fn believable(other: &Judgement, plain: Option<&Judgement>, plant: &Plant, instants: &Instants) -> bool {
     let arms = other.lines.iter().take(plant.mechanism.arms()).flatten();
     let correlated = arms.fold(f64::INFINITY, |least, l| least.min(l.correlation.abs())) > BETTER.1;
-    correlated && plain.is_none_or(|p| other.cost < p.cost - BETTER.0)
+    let better = plain.is_none_or(|p| other.cost < p.cost - BETTER.0);
+    correlated && better && !is_friction(other, plant, instants)
+}
+
+/// Whether only offset and friction of the axes, which a fit determines, speak for other names of the arms: arms of equal
+/// build differ in nothing else.
+fn is_friction(other: &Judgement, plant: &Plant, instants: &Instants) -> bool {
+    let trial = Trial::beyond_friction(plant);
+    let cost = |arrangement| trial.judge(instants, arrangement).map(|j| j.cost);
+    let better = |plain: f64| cost(other.arrangement).is_some_and(|c| c < plain - BETTER.0);
+    other.arrangement.renames_arms(plant.mechanism.arms())
+        && cost(Arrangement::PLAIN).is_some_and(|plain| !better(plain))
 }
 
 /// Finding: the torques of all arms follow the model's inertia, but hold no weight.

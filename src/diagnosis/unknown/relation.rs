@@ -75,7 +75,8 @@ fn above_noise(seen: &Ground, channel: usize) -> ((f64, f64), f64) {
     let above: Vec<f64> = of(seen, channel).iter().zip(&noises).map(|(r, noise)| (r * r - 1.0) * noise).collect();
     let blocks: Vec<f64> = above.chunks(BLOCK).map(mean).collect();
     let about = mean(&above);
-    let scatter = blocks.iter().map(|x| (x - about).powi(2)).sum::<f64>() / blocks.len().saturating_sub(1).max(1) as f64;
+    let scatter =
+        blocks.iter().map(|x| (x - about).powi(2)).sum::<f64>() / blocks.len().saturating_sub(1).max(1) as f64;
     ((about, (scatter / blocks.len().max(1) as f64).sqrt()), mean(&noises))
 }
 
@@ -212,7 +213,12 @@ mod tests {
     /// Two motions of three incommensurate frequencies at 500 Hz, seen one after the other, with a residual of them.
     fn sight(residual: impl Fn(usize, &dyn Fn(&str) -> f64) -> f64) -> Sight {
         let index = |name: &str| Variable::named(name).expect("a variable").index();
-        let mut sight = Sight { variables: vec![vec![0.0; LEN]; 40], recording: vec![0; LEN], noise: vec![vec![1.0]], ..Sight::default() };
+        let mut sight = Sight {
+            variables: vec![vec![0.0; LEN]; 40],
+            recording: vec![0; LEN],
+            noise: vec![vec![1.0]],
+            ..Sight::default()
+        };
         for k in 0..LEN {
             let t = k as f64 * 2e-3 + if k < LEN / 2 { 0.0 } else { 31.0 };
             for axis in 0..3 {
