@@ -1,17 +1,19 @@
 //! TOML → [`Study`], with errors that state file, line, key, value and what was expected.
 
+mod design;
+mod factors;
+
 use std::path::{Path, PathBuf};
 
-use deltatwin::text::nearest;
 use miette::Diagnostic;
 use serde::Deserialize;
 use thiserror::Error;
-use toml::de::DeValue;
-use toml::{Spanned, Table, Value};
+use toml::{Spanned, Table};
 
-use super::factor::{Change, Distribution, Factor, Level, Range};
+use self::factors::FactorKeys;
+use super::factor::{Factor, Range};
 use super::template::{SCENARIO, Template};
-use super::{CAUSES, Design, Draws, Keep, Study, tree};
+use super::{CAUSES, Design, Draws, Keep, Study};
 use crate::kind::Kind;
 use crate::outside::Access;
 use crate::scenario::ScenarioError;
@@ -68,64 +70,8 @@ enum KeepKeys {
     Other(serde::de::IgnoredAny),
 }
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct FactorKeys {
-    name: Spanned<String>,
-    key: Spanned<Value>,
-    unit: Option<String>,
-    change: Option<Spanned<String>>,
-    levels: Option<Spanned<Vec<Value>>>,
-    from: Option<Spanned<f64>>,
-    to: Option<Spanned<f64>>,
-    count: Option<Spanned<i64>>,
-    distribution: Option<Spanned<DistributionKeys>>,
-    nominal: Option<Spanned<f64>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct DistributionKeys {
-    kind: Spanned<String>,
-    mean: Option<Spanned<f64>>,
-    sigma: Option<Spanned<f64>>,
-    median: Option<Spanned<f64>>,
-    low: Option<Spanned<f64>>,
-    mode: Option<Spanned<f64>>,
-    high: Option<Spanned<f64>>,
-    scale: Option<Spanned<f64>>,
-    shape: Option<Spanned<f64>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct DesignKeys {
-    runs: Option<Spanned<i64>>,
-    samples: Option<Spanned<i64>>,
-    repeats: Option<Spanned<i64>>,
-    along: Option<Spanned<Vec<Spanned<String>>>>,
-    rays: Option<Spanned<i64>>,
-    tolerance: Option<Spanned<f64>>,
-    share: Option<Spanned<f64>>,
-    levels: Option<Spanned<i64>>,
-}
-
-/// Largest number of runs of a study, of levels of a factor, and of factors.
-const MOST_RUNS: i64 = 100_000_000;
-const MOST_LEVELS: i64 = 100_000;
-const MOST_FACTORS: usize = 32;
 /// Longest time for which a broken robot is followed after its load has landed, s.
 const LONGEST_AFTER: f64 = 10.0;
-/// Largest number of a factor.
-const LARGEST: f64 = 1e12;
-/// Default number of rays of two factors or more.
-const RAYS: i64 = 16;
-/// Default tolerance of a boundary point, as a share of its ray.
-const TOLERANCE: f64 = 1e-3;
-/// Defaults of subset simulation: samples per level, conditional probability, levels (Au & Beck 2001).
-const SUBSET: (i64, f64, i64) = (1000, 0.1, 10);
-/// Least number of samples with which a level of a subset simulation begins.
-const SEEDS: f64 = 10.0;
 
 /// Reads a study file; the scenarios that it names are relative to it, all other files to the scenario; `access` states
 /// which they may be.
@@ -147,11 +93,11 @@ pub fn read(path: &Path, access: Access) -> Result<Study, StudyError> {
 pub fn parse(text: &str, path: &Path, access: Access) -> Result<Study, StudyError> {
     let file = &Source { access, ..Source::new(path.display(), text) };
     let (document, design) = file.document::<Document>("design")?;
-    let factors = factors(file, &document)?;
+    let factors = factors::factors(file, &document.factors)?;
     let Some(design) = design else {
         return Err(file.problem(0..0, "[design] is missing; expected how the factors are set".into()).into());
     };
-    let design = self::design(file, design, &factors)?;
+    let design = design::design(file, design, &factors)?;
     let experiment = experiment(file, path, &document)?;
     let scenarios = match experiment {
         None => scenarios(file, path, &document, &factors)?,
@@ -172,7 +118,7 @@ pub fn parse(text: &str, path: &Path, access: Access) -> Result<Study, StudyErro
         design,
         experiment,
         margin: margin(file, &document.margin)?,
-        over: document.over.as_ref().map(|name| named(file, "over", name, &factors)).transpose()?,
+        over: document.over.as_ref().map(|name| design::named(file, "over", name, &factors)).transpose()?,
         after_landing: file.maybe("after_landing", &document.after_landing, Interval(0.0, LONGEST_AFTER, "s"))?,
         factors,
         template,
@@ -274,399 +220,6 @@ fn scenarios(file: &Source, path: &Path, document: &Document, factors: &[Factor]
             .problem(0..0, "missing key `scenario`; expected a scenario file, or `model` for an experiment".into())
             .into()),
     }
-}
-
-fn factors(file: &Source, document: &Document) -> Checked<Vec<Factor>> {
-    let mut out: Vec<Factor> = Vec::new();
-    for keys in &document.factors {
-        let factor = factor(file, keys)?;
-        if out.iter().any(|other| other.name == factor.name) {
-            let message = format!("factor `{}` is there twice; expected every name once", factor.name);
-            return Err(file.problem(keys.get_ref().name.span(), message));
-        }
-        out.push(factor);
-    }
-    if out.is_empty() || out.len() > MOST_FACTORS {
-        let message = format!("the study has {} factor(s); expected 1 to {MOST_FACTORS} tables [[factors]]", out.len());
-        return Err(file.problem(0..0, message));
-    }
-    Ok(out)
-}
-
-fn factor(file: &Source, whole: &Spanned<FactorKeys>) -> Checked<Factor> {
-    let keys = whole.get_ref();
-    let name = keys.name.get_ref();
-    let fine = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
-    if name.is_empty() || name.len() > 60 || !name.chars().all(fine) {
-        let message =
-            format!("`factors.name` is \"{name}\"; expected up to 60 small letters, digits and _, for a column's name");
-        return Err(file.problem(keys.name.span(), message));
-    }
-    let change = match &keys.change {
-        Some(word) => {
-            let choices = [("set", Change::Set), ("multiply", Change::Multiply), ("add", Change::Add)];
-            file.choice("factors.change", word, &choices)?
-        }
-        None => Change::Set,
-    };
-    let range = range(file, whole)?;
-    Ok(Factor {
-        name: name.clone(),
-        unit: keys.unit.clone().unwrap_or_else(|| default_unit(&range).into()),
-        keys: key_names(file, &keys.key)?,
-        change,
-        nominal: file.maybe("factors.nominal", &keys.nominal, Interval(-LARGEST, LARGEST, ""))?,
-        range,
-        place: keys.name.span(),
-    })
-}
-
-fn default_unit(range: &Range) -> &'static str {
-    match range {
-        Range::Levels(levels) if levels.iter().any(|level| level.number.is_none()) => "",
-        _ => "1",
-    }
-}
-
-fn key_names(file: &Source, value: &Spanned<Value>) -> Checked<Vec<String>> {
-    let names: Option<Vec<String>> = match value.get_ref() {
-        Value::String(name) => Some(vec![name.clone()]),
-        Value::Array(items) => items.iter().map(|item| item.as_str().map(String::from)).collect(),
-        _ => None,
-    };
-    names.filter(|names| !names.is_empty()).ok_or_else(|| {
-        let message = format!(
-            "`factors.key` is {}; expected a key such as \"payload.mass\", or an array of them",
-            file.quote(value.span())
-        );
-        file.problem(value.span(), message)
-    })
-}
-
-/// The values of a factor: `levels`, `from` and `to` with or without `count`, or a `distribution`.
-fn range(file: &Source, whole: &Spanned<FactorKeys>) -> Checked<Range> {
-    let keys = whole.get_ref();
-    let name = keys.name.get_ref();
-    let ways = [keys.levels.is_some(), keys.from.is_some() || keys.to.is_some(), keys.distribution.is_some()];
-    if ways.iter().filter(|given| **given).count() != 1 {
-        let named = [
-            ("levels", keys.levels.is_some()),
-            ("from", keys.from.is_some()),
-            ("to", keys.to.is_some()),
-            ("distribution", keys.distribution.is_some()),
-        ];
-        let given: Vec<String> = named.iter().filter(|(_, is)| *is).map(|(key, _)| format!("`{key}`")).collect();
-        let what = if given.is_empty() { "has no values".into() } else { format!("has {}", given.join(" and ")) };
-        let message = format!("factor `{name}` {what}; expected one of `levels`, `from` with `to`, or `distribution`");
-        return Err(file.problem(keys.name.span(), message));
-    }
-    if let Some(levels) = &keys.levels {
-        file.foreign("factors.count", &keys.count, "a factor with `levels`")?;
-        let all: Vec<Level> = levels.get_ref().iter().map(level).collect();
-        if all.is_empty() || all.len() > MOST_LEVELS as usize {
-            let message = format!("`factors.levels` has {} value(s); expected 1 to {MOST_LEVELS}", all.len());
-            return Err(file.problem(levels.span(), message));
-        }
-        if all.iter().any(|level| level.number.is_some_and(|x| !x.is_finite())) {
-            let message = "`factors.levels` has a number that is not finite; expected finite numbers".into();
-            return Err(file.problem(levels.span(), message));
-        }
-        let numbers = all.iter().filter(|level| level.number.is_some()).count();
-        if numbers != 0 && numbers != all.len() {
-            let message = format!("`factors.levels` is {}; expected numbers, or no numbers", file.quote(levels.span()));
-            return Err(file.problem(levels.span(), message));
-        }
-        return Ok(Range::Levels(all));
-    }
-    if let Some(keys) = &keys.distribution {
-        return distribution(file, keys).map(Range::Distributed);
-    }
-    let context = "a factor with a range";
-    let end = |key: &str, value: &Option<Spanned<f64>>| {
-        let value = file.needed(key, value, context, keys.name.span())?;
-        file.within(key, value, Interval(-LARGEST, LARGEST, ""))
-    };
-    let (from, to) = (end("factors.from", &keys.from)?, end("factors.to", &keys.to)?);
-    if from == to {
-        let message = format!("factor `{name}` runs from {from} to {to}; expected two different numbers");
-        return Err(file.problem(keys.name.span(), message));
-    }
-    match &keys.count {
-        None => Ok(Range::Interval { from, to }),
-        Some(count) => {
-            let count = file.count("factors.count", count, 2, MOST_LEVELS)?;
-            // The ends exactly.
-            let at = |k: usize| if k + 1 == count { to } else { from + (to - from) * k as f64 / (count - 1) as f64 };
-            Ok(Range::Levels((0..count).map(|k| level(&Value::Float(at(k)))).collect()))
-        }
-    }
-}
-
-fn level(value: &Value) -> Level {
-    let number = value.as_float().or_else(|| value.as_integer().map(|n| n as f64));
-    Level { text: tree::text(value), number, value: value.clone() }
-}
-
-/// Rejects the numbers of a distribution that are none of its `own`.
-fn only_numbers(file: &Source, keys: &DistributionKeys, own: &[&str], context: &str) -> Checked<()> {
-    for (name, value) in [
-        ("mean", &keys.mean),
-        ("sigma", &keys.sigma),
-        ("median", &keys.median),
-        ("low", &keys.low),
-        ("mode", &keys.mode),
-        ("high", &keys.high),
-        ("scale", &keys.scale),
-        ("shape", &keys.shape),
-    ] {
-        if !own.contains(&name) {
-            file.foreign(&format!("distribution.{name}"), value, context)?;
-        }
-    }
-    Ok(())
-}
-
-fn distribution(file: &Source, whole: &Spanned<DistributionKeys>) -> Checked<Distribution> {
-    #[derive(Clone, Copy, PartialEq)]
-    enum Shape {
-        Normal,
-        LogNormal,
-        Uniform,
-        Triangular,
-        Weibull,
-    }
-    let keys = whole.get_ref();
-    let choices = [
-        ("normal", Shape::Normal),
-        ("log_normal", Shape::LogNormal),
-        ("uniform", Shape::Uniform),
-        ("triangular", Shape::Triangular),
-        ("weibull", Shape::Weibull),
-    ];
-    let shape = file.choice("distribution.kind", &keys.kind, &choices)?;
-    let context = format!("kind = \"{}\"", keys.kind.get_ref());
-    let own: &[&str] = match shape {
-        Shape::Normal => &["mean", "sigma", "low", "high"],
-        Shape::LogNormal => &["median", "sigma"],
-        Shape::Uniform => &["low", "high"],
-        Shape::Triangular => &["low", "mode", "high"],
-        Shape::Weibull => &["scale", "shape"],
-    };
-    only_numbers(file, keys, own, &context)?;
-    let number = |name: &str, value: &Option<Spanned<f64>>, low: f64| {
-        let key = format!("distribution.{name}");
-        let value = file.needed(&key, value, &context, keys.kind.span())?;
-        file.within(&key, value, Interval(low, LARGEST, ""))
-    };
-    let positive = f64::MIN_POSITIVE;
-    let any = -LARGEST;
-    let found = match shape {
-        Shape::Normal => Distribution::Normal {
-            mean: number("mean", &keys.mean, any)?,
-            sigma: number("sigma", &keys.sigma, positive)?,
-            low: file.maybe("distribution.low", &keys.low, Interval(any, LARGEST, ""))?.unwrap_or(f64::NEG_INFINITY),
-            high: file.maybe("distribution.high", &keys.high, Interval(any, LARGEST, ""))?.unwrap_or(f64::INFINITY),
-        },
-        Shape::LogNormal => Distribution::LogNormal {
-            median: number("median", &keys.median, positive)?,
-            sigma: number("sigma", &keys.sigma, positive)?,
-        },
-        Shape::Uniform => {
-            Distribution::Uniform { low: number("low", &keys.low, any)?, high: number("high", &keys.high, any)? }
-        }
-        Shape::Triangular => Distribution::Triangular {
-            low: number("low", &keys.low, any)?,
-            mode: number("mode", &keys.mode, any)?,
-            high: number("high", &keys.high, any)?,
-        },
-        Shape::Weibull => Distribution::Weibull {
-            scale: number("scale", &keys.scale, positive)?,
-            shape: number("shape", &keys.shape, positive)?,
-        },
-    };
-    let ordered = match found {
-        Distribution::Normal { low, high, .. } | Distribution::Uniform { low, high } => low < high,
-        Distribution::Triangular { low, mode, high } => low < high && (low..=high).contains(&mode),
-        _ => true,
-    };
-    if ordered {
-        return Ok(found);
-    }
-    let message =
-        format!("distribution with {context}: its numbers are out of order; expected low < high, a mode between");
-    Err(file.problem(whole.span(), message))
-}
-
-/// Word for a kind of design, and the keys that it has.
-#[derive(Clone, Copy, PartialEq)]
-enum Form {
-    Grid,
-    LatinHypercube,
-    Sobol,
-    MonteCarlo,
-    Sensitivity,
-    Boundary,
-    WorstCase,
-    Subset,
-}
-
-const FORMS: &[(&str, Form)] = &[
-    ("grid", Form::Grid),
-    ("latin_hypercube", Form::LatinHypercube),
-    ("sobol", Form::Sobol),
-    ("monte_carlo", Form::MonteCarlo),
-    ("sensitivity", Form::Sensitivity),
-    ("boundary", Form::Boundary),
-    ("worst_case", Form::WorstCase),
-    ("subset", Form::Subset),
-];
-
-/// Rejects the keys of a design that are none of its `own`.
-fn only_keys(file: &Source, keys: &DesignKeys, own: &[&str], context: &str) -> Checked<()> {
-    let is_foreign = |name: &str| !own.contains(&name);
-    let key = |name: &str| format!("design.{name}");
-    for (name, value) in [
-        ("runs", &keys.runs),
-        ("samples", &keys.samples),
-        ("repeats", &keys.repeats),
-        ("rays", &keys.rays),
-        ("levels", &keys.levels),
-    ] {
-        if is_foreign(name) {
-            file.foreign(&key(name), value, context)?;
-        }
-    }
-    for (name, value) in [("tolerance", &keys.tolerance), ("share", &keys.share)] {
-        if is_foreign(name) {
-            file.foreign(&key(name), value, context)?;
-        }
-    }
-    if is_foreign("along") { file.foreign("design.along", &keys.along, context) } else { Ok(()) }
-}
-
-fn design(file: &Source, mut value: Spanned<DeValue>, factors: &[Factor]) -> Checked<Design> {
-    let kind = file.kind("design", "design", &mut value)?;
-    let form = file.choice("design.kind", &kind, FORMS)?;
-    let keys: DesignKeys = file.keys("design", value)?;
-    let context = format!("kind = \"{}\"", kind.get_ref());
-    let foreign = |own: &[&str]| only_keys(file, &keys, own, &context);
-    let number = |name: &str, value: &Option<Spanned<i64>>, most: i64| {
-        let key = format!("design.{name}");
-        let value = file.needed(&key, value, &context, kind.span())?;
-        file.count(&key, value, 1, most).map(|n| n as u64)
-    };
-    let repeats =
-        || keys.repeats.as_ref().map_or(Ok(1), |n| file.count("design.repeats", n, 1, 1_000_000)).map(|n| n as u64);
-    Ok(match form {
-        Form::Grid => {
-            foreign(&["repeats"])?;
-            if let Some(factor) = factors.iter().find(|f| matches!(f.range, Range::Interval { .. })) {
-                let message =
-                    format!("factor `{}` lacks `count`; expected the number of its levels in a grid", factor.name);
-                return Err(file.problem(factor.place.clone(), message));
-            }
-            Design::Grid { repeats: repeats()? }
-        }
-        Form::LatinHypercube | Form::Sobol | Form::MonteCarlo | Form::WorstCase => {
-            foreign(&["runs"])?;
-            let runs = number("runs", &keys.runs, MOST_RUNS)?;
-            match form {
-                Form::LatinHypercube => Design::LatinHypercube { runs },
-                Form::Sobol => Design::Sobol { runs },
-                Form::MonteCarlo => Design::MonteCarlo { runs },
-                _ => Design::WorstCase { runs },
-            }
-        }
-        Form::Sensitivity => {
-            foreign(&["samples"])?;
-            Design::Sensitivity { samples: number("samples", &keys.samples, MOST_RUNS / 100)? }
-        }
-        Form::Boundary => {
-            foreign(&["along", "rays", "tolerance", "repeats"])?;
-            boundary(file, &keys, factors, (&kind, repeats()?))?
-        }
-        Form::Subset => {
-            foreign(&["samples", "share", "levels"])?;
-            let (samples, share, levels) = SUBSET;
-            let count = |name: &str, value: &Option<Spanned<i64>>, default: i64, low: i64, high: i64| {
-                value.as_ref().map_or(Ok(default as usize), |n| file.count(&format!("design.{name}"), n, low, high))
-            };
-            if let Some(factor) = factors.iter().find(|f| matches!(f.range, Range::Levels(_))) {
-                let message = format!(
-                    "factor `{}` has levels; expected a `distribution`, or `from` and `to`, in a subset simulation",
-                    factor.name
-                );
-                return Err(file.problem(factor.place.clone(), message));
-            }
-            let samples = count("samples", &keys.samples, samples, 20, 1_000_000)?;
-            let share = file.optional("design.share", &keys.share, share, Interval(0.01, 0.5, ""))?;
-            let least = (SEEDS / share).ceil() as usize;
-            if samples < least {
-                let message = format!(
-                    "`design.samples` is {samples}, of which {share} begin the next level; expected at least {least}"
-                );
-                return Err(file.problem(kind.span(), message));
-            }
-            Design::Subset {
-                samples: samples as u64,
-                share,
-                levels: count("levels", &keys.levels, levels, 1, 50)? as u64,
-            }
-        }
-    })
-}
-
-fn boundary(
-    file: &Source,
-    keys: &DesignKeys,
-    factors: &[Factor],
-    (kind, repeats): (&Spanned<String>, u64),
-) -> Checked<Design> {
-    let names = file.needed("design.along", &keys.along, "kind = \"boundary\"", kind.span())?;
-    let mut along = Vec::new();
-    for name in names.get_ref() {
-        let k = named(file, "design.along", name, factors)?;
-        if along.contains(&k) || !matches!(factors[k].range, Range::Interval { .. }) {
-            let message = format!(
-                "`design.along` has \"{}\"; expected each factor once, with `from` and `to` and no `count`",
-                name.get_ref()
-            );
-            return Err(file.problem(name.span(), message));
-        }
-        along.push(k);
-    }
-    if along.is_empty() {
-        return Err(file.problem(names.span(), "`design.along` is empty; expected at least one factor".into()));
-    }
-    let beside = |k: &usize| !along.contains(k) && matches!(factors[*k].range, Range::Interval { .. });
-    if let Some(k) = (0..factors.len()).find(beside) {
-        let message = format!(
-            "factor `{}` is not in `design.along` and lacks `count`; expected the number of its levels",
-            factors[k].name
-        );
-        return Err(file.problem(factors[k].place.clone(), message));
-    }
-    if along.len() == 1 {
-        file.foreign("design.rays", &keys.rays, "one factor, along which there is one ray")?;
-    }
-    let rays = match &keys.rays {
-        Some(rays) => file.count("design.rays", rays, 1, MOST_LEVELS)? as u64,
-        None if along.len() == 1 => 1,
-        None => RAYS as u64,
-    };
-    let tolerance = file.optional("design.tolerance", &keys.tolerance, TOLERANCE, Interval(1e-9, 0.5, ""))?;
-    Ok(Design::Boundary { along, rays, tolerance, repeats })
-}
-
-/// Index of the factor that a key names.
-fn named(file: &Source, key: &str, name: &Spanned<String>, factors: &[Factor]) -> Checked<usize> {
-    factors.iter().position(|f| f.name == *name.get_ref()).ok_or_else(|| {
-        let known: Vec<&str> = factors.iter().map(|f| f.name.as_str()).collect();
-        let hint = nearest(name.get_ref(), known.iter().copied());
-        let hint = hint.map_or(String::new(), |near| format!("; did you mean \"{near}\"?"));
-        let message = format!("`{key}` has \"{}\"; expected factors: {}{hint}", name.get_ref(), known.join(", "));
-        file.problem(name.span(), message)
-    })
 }
 
 /// Reads a study without meshes, for tests.
