@@ -7,20 +7,21 @@
 //! every sample where it follows the jumps of friction (sensors, deflections of gears). Behind elastic gears all
 //! columns depend on all previous samples: see [`gears`].
 
+mod differences;
+pub(super) mod laws;
+
 use std::borrow::Cow;
-use std::ops::Range;
 use std::sync::OnceLock;
 
 use rayon::prelude::*;
 
+use self::differences::Differences;
+use self::laws::linear;
 use super::{Channels, InternalStates, Joints, Laws, gear_springs, gears, ideal, joints, observe, predict};
-use crate::dynamics::{ChannelMap, Output, Plant, Sample, add_regressor, inverse_dynamics};
-use crate::effects::{ActiveEffect, Entry, Kind, Part, Role, Spec};
+use crate::dynamics::Plant;
+use crate::effects::{ActiveEffect, Entry, Role};
 use crate::identification::Dataset;
-use crate::kinematics::{KinematicsError, Motion};
-
-/// Number of blocks processed together.
-const CHUNK: usize = 64;
+use crate::kinematics::KinematicsError;
 
 /// Number of effects whose columns at every sample are kept in memory at a time.
 const GROUP: usize = 8;
@@ -236,87 +237,6 @@ fn middle(dataset: &Dataset, block: usize) -> Cow<'_, Dataset> {
     if block == 1 { Cow::Borrowed(dataset) } else { Cow::Owned(dataset.averaged(block)) }
 }
 
-/// Columns of effects that act through the entire prediction.
-struct Differences<'a> {
-    plant: &'a Plant,
-    dataset: &'a Dataset,
-    block: usize,
-    /// The blocks' middle samples and the prediction there.
-    middle: Cow<'a, Dataset>,
-    plain: Channels,
-    /// Prediction at every sample before and after the sensors.
-    unobserved: &'a Channels,
-    observed: Channels,
-}
-
-impl<'a> Differences<'a> {
-    fn new(dataset: &'a Dataset, moved: &'a Moved, block: usize) -> Result<Self, KinematicsError> {
-        let plant = moved.joints.plant;
-        let unobserved = moved.unobserved(dataset)?;
-        let mut observed = unobserved.clone();
-        observe(plant, dataset, &mut observed);
-        let middle = middle(dataset, block);
-        let plain = if block == 1 { observed.clone() } else { predict(plant, &middle)? };
-        Ok(Self { plant, dataset, block, middle, plain, unobserved, observed })
-    }
-
-    /// Columns of all parameters of an effect; those not requested are as in `none`.
-    fn columns(&self, wanted: &Wanted, none: &[Channels]) -> Result<Vec<Channels>, KinematicsError> {
-        let active = wanted.active;
-        if active.has_gears() {
-            // For gears of the plant, the columns come from [`gears::Passage`].
-            return if wanted.is_candidate { self.of_gears(active) } else { Ok(none.to_vec()) };
-        }
-        let is_sensor = active.effect.kind() == Kind::Sensor;
-        let predicted = |step: Option<(usize, f64)>| -> Result<Channels, KinematicsError> {
-            let moved = with(self.plant, active, step, wanted.is_candidate);
-            if !is_sensor {
-                return predict(&moved, &self.middle);
-            }
-            // Sensors act on the unchanged motion of the mechanism.
-            let mut seen = self.unobserved.clone();
-            observe(&moved, self.dataset, &mut seen);
-            Ok(seen)
-        };
-        let unmoved = match (wanted.is_candidate, is_sensor) {
-            // Secant from zero to the present values, because the sensor may respond nonlinearly.
-            (true, true) => Cow::Borrowed(&self.observed),
-            (true, false) => Cow::Owned(predicted(None)?),
-            (false, true) => Cow::Borrowed(&self.observed),
-            (false, false) => Cow::Borrowed(&self.plain),
-        };
-        let column = |(k, entry): (usize, &Entry)| {
-            if !wanted.has_column(entry) {
-                return Ok(none[k].clone());
-            }
-            let is_secant = is_sensor && wanted.is_candidate && active.values[k] != 0.0;
-            let step = if is_secant { active.values[k] } else { difference(entry) };
-            let moved = predicted((!is_secant).then_some((k, step)))?;
-            let slope = slope(&moved, &unmoved, step);
-            Ok(if is_sensor { means(self.dataset, slope, self.block) } else { slope })
-        };
-        active.entries().par_iter().enumerate().map(column).collect()
-    }
-
-    /// Columns of elastic gears that the plant does not have yet.
-    ///
-    /// The columns are secants from rigid gears to those of `active` (of usual size if those are rigid, too), because
-    /// infinitesimally elastic gears do not ring. The change of a channel is attributed to the gear of its own limb.
-    fn of_gears(&self, active: &ActiveEffect) -> Result<Vec<Channels>, KinematicsError> {
-        let is_rigid = active.gear_springs().is_none();
-        let there = if is_rigid { active.at_nominal_size() } else { active.clone() };
-        let elastic = predict(&with(self.plant, &there, None, true), self.dataset)?;
-        let column = |(arm, (entry, value)): (usize, (Entry, &f64))| -> Channels {
-            let of = |(c, (e, r)): (usize, (&Vec<f64>, &Vec<f64>))| {
-                let own = entry.parameter.role == Role::Linear && self.dataset.channels[c].limb() == arm;
-                e.iter().zip(r).map(|(e, r)| if own { (e - r) / value } else { 0.0 }).collect()
-            };
-            means(self.dataset, elastic.iter().zip(&self.observed).enumerate().map(of).collect(), self.block)
-        };
-        Ok(there.entries().into_iter().zip(&there.values).enumerate().map(column).collect())
-    }
-}
-
 /// Step of a parameter for finite differences of predictions.
 fn difference(entry: &Entry) -> f64 {
     1e-4 * entry.parameter.default.abs().max(1e-6)
@@ -351,177 +271,6 @@ fn weighted(columns: &[Channels], values: &[f64]) -> Channels {
     sum
 }
 
-/// The plant with a candidate added, or with one of its own effects changed by a step.
-fn with(plant: &Plant, active: &ActiveEffect, step: Option<(usize, f64)>, is_candidate: bool) -> Plant {
-    let mut changed = active.clone();
-    if let Some((k, step)) = step {
-        changed.values[k] += step;
-    }
-    let mut plant = plant.clone();
-    if active.effect.kind() == Kind::Geometry {
-        if !is_candidate {
-            // The plant's geometry already contains the present values: apply the difference only.
-            for (new, old) in changed.values.iter_mut().zip(&active.values) {
-                *new -= old;
-            }
-        }
-        changed.effect.geometry(&changed.values(), &mut plant.geometry);
-    } else if is_candidate {
-        plant.effects.push(changed);
-    } else if let Some(own) = plant.effects.iter_mut().find(|a| a.effect.name() == active.effect.name()) {
-        *own = changed;
-    }
-    if active.effect.kind() == Kind::Encoder {
-        plant.sum_inertia();
-    }
-    plant
-}
-
-/// Columns of the linear parameters at the given motion of the joints as the sensors show them; zero for all others.
-fn linear(
-    effects: &[&ActiveEffect],
-    dataset: &Dataset,
-    moved: &Moved,
-    block: usize,
-) -> Result<Vec<Vec<Channels>>, KinematicsError> {
-    let (joints, plant) = (&moved.joints, moved.joints.plant);
-    let known: Vec<Option<Vec<Channels>>> = effects.iter().map(|a| joints.known.of(plant, a, dataset.len())).collect();
-    let open: Vec<&ActiveEffect> =
-        effects.iter().zip(&known).filter(|(_, known)| known.is_none()).map(|(a, _)| *a).collect();
-    let mut computed = terms(&open, dataset, joints, block)?.into_iter();
-    let averaged = |columns: Vec<Channels>| columns.into_iter().map(|c| means(dataset, c, block)).collect();
-    let mut columns: Vec<Vec<Channels>> =
-        known.into_iter().map(|known| known.map_or_else(|| computed.next().unwrap_or_default(), averaged)).collect();
-    if plant.observes() {
-        see(dataset, moved, block, &mut columns)?;
-    }
-    Ok(columns)
-}
-
-/// Columns of the linear parameters at the given motion of the joints before the sensors; zero for all others.
-pub(super) fn terms(
-    effects: &[&ActiveEffect],
-    dataset: &Dataset,
-    joints: &Joints,
-    block: usize,
-) -> Result<Vec<Vec<Channels>>, KinematicsError> {
-    let plant = joints.plant;
-    let (on_drives, others): (Vec<_>, Vec<_>) = effects.iter().partition(|a| plant.assembled && is_on_drives(a));
-    if on_drives.is_empty() {
-        return terms_of(effects, dataset, joints, block);
-    }
-    // A torque of a drive does work in the virtual motion of its own channel alone, with the linkage or without.
-    let lone = Plant { assembled: false, ..plant.clone() };
-    let mut on_drives = terms_of(&on_drives, dataset, &joints.on(&lone), block)?.into_iter();
-    let mut others = terms_of(&others, dataset, joints, block)?.into_iter();
-    let of = |a: &&ActiveEffect| if is_on_drives(a) { on_drives.next() } else { others.next() };
-    Ok(effects.iter().filter_map(of).collect())
-}
-
-/// Whether a law depends on the motion of the drives alone and acts on them.
-fn is_on_drives(active: &ActiveEffect) -> bool {
-    let Spec { kind, acts_on, reads, .. } = active.effect.spec();
-    let is_law = *kind == Kind::Force && !reads.inertia && !reads.torque && !reads.reactions;
-    is_law && !active.states_read_reactions() && matches!(acts_on, Part::Drives | Part::Axis4 | Part::FourthDrive)
-}
-
-/// [`terms`] on the plant of `joints`.
-fn terms_of(
-    effects: &[&ActiveEffect],
-    dataset: &Dataset,
-    joints: &Joints,
-    block: usize,
-) -> Result<Vec<Vec<Channels>>, KinematicsError> {
-    let plant = joints.plant;
-    let widths: Vec<usize> = effects.iter().map(|a| a.values.len()).collect();
-    let total: usize = widths.iter().sum();
-    let channels = dataset.channels.len();
-    if total == 0 || channels == 0 {
-        return Ok(widths.iter().map(|width| vec![Channels::new(); *width]).collect());
-    }
-    let states = InternalStates::along(plant, effects, dataset, joints)?;
-    let reads_reactions = effects.iter().any(|a| a.effect.spec().reads.reactions);
-    let reads = reads_reactions || effects.iter().any(|a| a.effect.spec().reads.torque);
-    let plant_effects: Vec<&ActiveEffect> = plant.effects.iter().filter(|_| reads).collect();
-    let plant_states = InternalStates::along(plant, &plant_effects, dataset, joints)?;
-    let blocks: Vec<Range<usize>> = dataset.blocks(block).collect();
-    let sum = |range: &Range<usize>, (motion, map): &mut (Motion, ChannelMap), out: &mut [f64]| {
-        for k in range.clone() {
-            joints.set_motion(k, motion)?;
-            let loads = if reads {
-                inverse_dynamics(plant, dataset.t[k], motion, &plant_states.at(k), reads_reactions)
-                    .map_err(|e| e.at_sample(k))?
-            } else {
-                Output::default()
-            };
-            map.set(&plant.geometry, motion, plant.assembled)?;
-            let mut at = 0;
-            for (i, (active, width)) in effects.iter().zip(&widths).enumerate() {
-                let state = states.of(k, i);
-                let rows = &mut out[at * channels..(at + width) * channels];
-                let sample = Sample { t: dataset.t[k], motion, loads: &loads };
-                add_regressor(plant, active, &sample, state, map, rows).map_err(|e| e.at_sample(k))?;
-                at += width;
-            }
-        }
-        Ok(())
-    };
-    // Chunks keep the transposition from rows to series in the cache.
-    let chunks: Vec<Vec<f64>> = blocks
-        .par_chunks(CHUNK)
-        .map(|chunk| {
-            let mut there = (Motion::REST, ChannelMap::without_motion(&dataset.channels));
-            let mut rows = vec![0.0; chunk.len() * total * channels];
-            for (range, row) in chunk.iter().zip(rows.chunks_exact_mut(total * channels)) {
-                sum(range, &mut there, row)?;
-            }
-            Ok(rows)
-        })
-        .collect::<Result<_, KinematicsError>>()?;
-    let series = |column: usize, c: usize| -> Vec<f64> {
-        let mut out = Vec::with_capacity(blocks.len());
-        for rows in &chunks {
-            out.extend(rows.chunks_exact(total * channels).map(|row| row[column * channels + c] / block as f64));
-        }
-        out
-    };
-    let columns: Vec<Channels> =
-        (0..total).into_par_iter().map(|p| (0..channels).map(|c| series(p, c)).collect()).collect();
-    let mut columns = columns.into_iter();
-    Ok(widths.iter().map(|w| columns.by_ref().take(*w).collect()).collect())
-}
-
-/// Step of a derivative of the sensors, relative to the largest value of a channel.
-const SENSOR_STEP: f64 = 1e-4;
-
-/// Turns derivatives of the ideal channels into those of the observed ones.
-fn see(dataset: &Dataset, moved: &Moved, block: usize, columns: &mut [Vec<Channels>]) -> Result<(), KinematicsError> {
-    let plant = moved.joints.plant;
-    let middle = middle(dataset, block);
-    let affine = plant.effects.iter().filter_map(|a| a.effect.sensor()).all(|sensor| sensor.is_affine());
-    // Affine sensors have the same derivative everywhere.
-    let here = match affine {
-        true => vec![vec![0.0; middle.len()]; dataset.channels.len()],
-        false => means(dataset, moved.unobserved(dataset)?.clone(), block),
-    };
-    let mut seen = here.clone();
-    observe(plant, &middle, &mut seen);
-    let largest = |series: &Channels| series.iter().flatten().fold(0.0, |most: f64, x| most.max(x.abs()));
-    let size = largest(&here);
-    columns.par_iter_mut().flatten().for_each(|column| {
-        let own = largest(column);
-        let step = if affine || size * own == 0.0 { 1.0 } else { SENSOR_STEP * size / own };
-        for (x, h) in column.iter_mut().flatten().zip(here.iter().flatten()) {
-            *x = h + step * *x;
-        }
-        observe(plant, &middle, column);
-        for (x, s) in column.iter_mut().flatten().zip(seen.iter().flatten()) {
-            *x = (*x - s) / step;
-        }
-    });
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
@@ -537,7 +286,7 @@ mod tests {
     const BLOCK: usize = 5;
 
     /// 0.8 s of all axes below 3 Hz, in two segments whose lengths are no multiples of the block.
-    fn dataset() -> Dataset {
+    pub(super) fn dataset() -> Dataset {
         let at = |k: usize| {
             let t = k as f64 * DT;
             let wave = |i: usize| (0.2 + 0.1 * i as f64, 11.0 + 3.0 * i as f64);
@@ -564,25 +313,6 @@ mod tests {
         assert_eq!(middle.measured[0][199..201], [997.0, 1003.0]);
         approx::assert_relative_eq!(middle.t[200], 1003.0 * DT);
         assert_eq!(middle.half_width, [3; 4]);
-    }
-
-    /// Laws on the drives have the columns that follow from the motion of the whole linkage, strut forces included.
-    #[test]
-    fn laws_on_the_drives_need_no_linkage() {
-        let (model, dataset) = (irb360(), dataset());
-        let plant = Plant::new(&model, &dataset.setup);
-        let joints = joints(&plant, &dataset).unwrap();
-        let all: Vec<ActiveEffect> =
-            REGISTRY.iter().map(|e| ActiveEffect::absent_on(Arc::clone(e), model.host()).at_nominal_size()).collect();
-        let on_drives: Vec<&ActiveEffect> = all.iter().filter(|a| is_on_drives(a)).collect();
-        assert!(on_drives.len() > 8 && on_drives.iter().any(|a| a.effect.name() == "axis4_friction"));
-        let alone = terms(&on_drives, &dataset, &joints, 1).unwrap();
-        let whole = terms_of(&on_drives, &dataset, &joints, 1).unwrap();
-        for (active, (alone, whole)) in on_drives.iter().zip(alone.iter().zip(&whole)) {
-            let apart = alone.iter().flatten().flatten().zip(whole.iter().flatten().flatten());
-            let worst = apart.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            assert!(worst < 1e-12, "{}: {worst:.1e}", active.effect.name());
-        }
     }
 
     /// Force laws agree to rounding; differences at the middle deviate from the mean over a block by c̈·(5·dt)²/24,

@@ -1,0 +1,189 @@
+//! Columns of the linear parameters of laws: regressors of their forces, projected onto the channels.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::{Channels, InternalStates, Joints, Moved, means, middle, observe};
+use crate::dynamics::{ChannelMap, Output, Plant, Sample, add_regressor, inverse_dynamics};
+use crate::effects::{ActiveEffect, Kind, Part, Spec};
+use crate::identification::Dataset;
+use crate::kinematics::{KinematicsError, Motion};
+
+/// Number of blocks processed together.
+const CHUNK: usize = 64;
+
+/// Columns of the linear parameters at the given motion of the joints as the sensors show them; zero for all others.
+pub(super) fn linear(
+    effects: &[&ActiveEffect],
+    dataset: &Dataset,
+    moved: &Moved,
+    block: usize,
+) -> Result<Vec<Vec<Channels>>, KinematicsError> {
+    let (joints, plant) = (&moved.joints, moved.joints.plant);
+    let known: Vec<Option<Vec<Channels>>> = effects.iter().map(|a| joints.known.of(plant, a, dataset.len())).collect();
+    let open: Vec<&ActiveEffect> =
+        effects.iter().zip(&known).filter(|(_, known)| known.is_none()).map(|(a, _)| *a).collect();
+    let mut computed = terms(&open, dataset, joints, block)?.into_iter();
+    let averaged = |columns: Vec<Channels>| columns.into_iter().map(|c| means(dataset, c, block)).collect();
+    let mut columns: Vec<Vec<Channels>> =
+        known.into_iter().map(|known| known.map_or_else(|| computed.next().unwrap_or_default(), averaged)).collect();
+    if plant.observes() {
+        see(dataset, moved, block, &mut columns)?;
+    }
+    Ok(columns)
+}
+
+/// Columns of the linear parameters at the given motion of the joints before the sensors; zero for all others.
+pub(in super::super) fn terms(
+    effects: &[&ActiveEffect],
+    dataset: &Dataset,
+    joints: &Joints,
+    block: usize,
+) -> Result<Vec<Vec<Channels>>, KinematicsError> {
+    let plant = joints.plant;
+    let (on_drives, others): (Vec<_>, Vec<_>) = effects.iter().partition(|a| plant.assembled && is_on_drives(a));
+    if on_drives.is_empty() {
+        return terms_of(effects, dataset, joints, block);
+    }
+    // A torque of a drive does work in the virtual motion of its own channel alone, with the linkage or without.
+    let lone = Plant { assembled: false, ..plant.clone() };
+    let mut on_drives = terms_of(&on_drives, dataset, &joints.on(&lone), block)?.into_iter();
+    let mut others = terms_of(&others, dataset, joints, block)?.into_iter();
+    let of = |a: &&ActiveEffect| if is_on_drives(a) { on_drives.next() } else { others.next() };
+    Ok(effects.iter().filter_map(of).collect())
+}
+
+/// Whether a law depends on the motion of the drives alone and acts on them.
+fn is_on_drives(active: &ActiveEffect) -> bool {
+    let Spec { kind, acts_on, reads, .. } = active.effect.spec();
+    let is_law = *kind == Kind::Force && !reads.inertia && !reads.torque && !reads.reactions;
+    is_law && !active.states_read_reactions() && matches!(acts_on, Part::Drives | Part::Axis4 | Part::FourthDrive)
+}
+
+/// [`terms`] on the plant of `joints`.
+fn terms_of(
+    effects: &[&ActiveEffect],
+    dataset: &Dataset,
+    joints: &Joints,
+    block: usize,
+) -> Result<Vec<Vec<Channels>>, KinematicsError> {
+    let plant = joints.plant;
+    let widths: Vec<usize> = effects.iter().map(|a| a.values.len()).collect();
+    let total: usize = widths.iter().sum();
+    let channels = dataset.channels.len();
+    if total == 0 || channels == 0 {
+        return Ok(widths.iter().map(|width| vec![Channels::new(); *width]).collect());
+    }
+    let states = InternalStates::along(plant, effects, dataset, joints)?;
+    let reads_reactions = effects.iter().any(|a| a.effect.spec().reads.reactions);
+    let reads = reads_reactions || effects.iter().any(|a| a.effect.spec().reads.torque);
+    let plant_effects: Vec<&ActiveEffect> = plant.effects.iter().filter(|_| reads).collect();
+    let plant_states = InternalStates::along(plant, &plant_effects, dataset, joints)?;
+    let blocks: Vec<Range<usize>> = dataset.blocks(block).collect();
+    let sum = |range: &Range<usize>, (motion, map): &mut (Motion, ChannelMap), out: &mut [f64]| {
+        for k in range.clone() {
+            joints.set_motion(k, motion)?;
+            let loads = if reads {
+                inverse_dynamics(plant, dataset.t[k], motion, &plant_states.at(k), reads_reactions)
+                    .map_err(|e| e.at_sample(k))?
+            } else {
+                Output::default()
+            };
+            map.set(&plant.geometry, motion, plant.assembled)?;
+            let mut at = 0;
+            for (i, (active, width)) in effects.iter().zip(&widths).enumerate() {
+                let state = states.of(k, i);
+                let rows = &mut out[at * channels..(at + width) * channels];
+                let sample = Sample { t: dataset.t[k], motion, loads: &loads };
+                add_regressor(plant, active, &sample, state, map, rows).map_err(|e| e.at_sample(k))?;
+                at += width;
+            }
+        }
+        Ok(())
+    };
+    // Chunks keep the transposition from rows to series in the cache.
+    let chunks: Vec<Vec<f64>> = blocks
+        .par_chunks(CHUNK)
+        .map(|chunk| {
+            let mut there = (Motion::REST, ChannelMap::without_motion(&dataset.channels));
+            let mut rows = vec![0.0; chunk.len() * total * channels];
+            for (range, row) in chunk.iter().zip(rows.chunks_exact_mut(total * channels)) {
+                sum(range, &mut there, row)?;
+            }
+            Ok(rows)
+        })
+        .collect::<Result<_, KinematicsError>>()?;
+    let series = |column: usize, c: usize| -> Vec<f64> {
+        let mut out = Vec::with_capacity(blocks.len());
+        for rows in &chunks {
+            out.extend(rows.chunks_exact(total * channels).map(|row| row[column * channels + c] / block as f64));
+        }
+        out
+    };
+    let columns: Vec<Channels> =
+        (0..total).into_par_iter().map(|p| (0..channels).map(|c| series(p, c)).collect()).collect();
+    let mut columns = columns.into_iter();
+    Ok(widths.iter().map(|w| columns.by_ref().take(*w).collect()).collect())
+}
+
+/// Step of a derivative of the sensors, relative to the largest value of a channel.
+const SENSOR_STEP: f64 = 1e-4;
+
+/// Turns derivatives of the ideal channels into those of the observed ones.
+fn see(dataset: &Dataset, moved: &Moved, block: usize, columns: &mut [Vec<Channels>]) -> Result<(), KinematicsError> {
+    let plant = moved.joints.plant;
+    let middle = middle(dataset, block);
+    let affine = plant.effects.iter().filter_map(|a| a.effect.sensor()).all(|sensor| sensor.is_affine());
+    // Affine sensors have the same derivative everywhere.
+    let here = match affine {
+        true => vec![vec![0.0; middle.len()]; dataset.channels.len()],
+        false => means(dataset, moved.unobserved(dataset)?.clone(), block),
+    };
+    let mut seen = here.clone();
+    observe(plant, &middle, &mut seen);
+    let largest = |series: &Channels| series.iter().flatten().fold(0.0, |most: f64, x| most.max(x.abs()));
+    let size = largest(&here);
+    columns.par_iter_mut().flatten().for_each(|column| {
+        let own = largest(column);
+        let step = if affine || size * own == 0.0 { 1.0 } else { SENSOR_STEP * size / own };
+        for (x, h) in column.iter_mut().flatten().zip(here.iter().flatten()) {
+            *x = h + step * *x;
+        }
+        observe(plant, &middle, column);
+        for (x, s) in column.iter_mut().flatten().zip(seen.iter().flatten()) {
+            *x = (*x - s) / step;
+        }
+    });
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::super::joints;
+    use super::super::tests::dataset;
+    use super::*;
+    use crate::effects::REGISTRY;
+    use crate::model::testing::irb360;
+
+    /// Laws on the drives have the columns that follow from the motion of the whole linkage, strut forces included.
+    #[test]
+    fn laws_on_the_drives_need_no_linkage() {
+        let (model, dataset) = (irb360(), dataset());
+        let plant = Plant::new(&model, &dataset.setup);
+        let joints = joints(&plant, &dataset).unwrap();
+        let all: Vec<ActiveEffect> =
+            REGISTRY.iter().map(|e| ActiveEffect::absent_on(Arc::clone(e), model.host()).at_nominal_size()).collect();
+        let on_drives: Vec<&ActiveEffect> = all.iter().filter(|a| is_on_drives(a)).collect();
+        assert!(on_drives.len() > 8 && on_drives.iter().any(|a| a.effect.name() == "axis4_friction"));
+        let alone = terms(&on_drives, &dataset, &joints, 1).unwrap();
+        let whole = terms_of(&on_drives, &dataset, &joints, 1).unwrap();
+        for (active, (alone, whole)) in on_drives.iter().zip(alone.iter().zip(&whole)) {
+            let apart = alone.iter().flatten().flatten().zip(whole.iter().flatten().flatten());
+            let worst = apart.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(worst < 1e-12, "{}: {worst:.1e}", active.effect.name());
+        }
+    }
+}
