@@ -174,12 +174,12 @@ impl<'a> Trial<'a> {
             (0..dataset.channels.len()).map(|c| predicted.of(instants.measured(column(c), 0))).collect();
         let friction = |c: usize| dataset.channels[c].drive().map(|i| friction(&joints, i).map(|f| predicted.of(f)));
         let frictions: Vec<_> = (0..measured.len()).map(|c| friction(c).filter(|_| self.frees_friction)).collect();
-        let line = |((p, m), friction): ((&Vec<f64>, &Vec<f64>), &Option<[Vec<f64>; 2]>)| match friction {
-            Some(f) => Line::of(&beyond_friction(p, f)?, &beyond_friction(m, f)?),
-            None => Line::of(p, m),
+        let line = |(c, p): (usize, &Vec<f64>)| match &frictions[c] {
+            Some(f) => Line::of(&beyond_friction(p, f)?, &beyond_friction(&measured[c], f)?),
+            None => Line::of(p, &measured[c]),
         };
         let judged = |series: &[Vec<f64>], load: f64| {
-            let lines: Vec<Option<Line>> = series.iter().zip(&measured).zip(&frictions).map(line).collect();
+            let lines: Vec<Option<Line>> = series.iter().enumerate().map(line).collect();
             let cost = lines.iter().flatten().map(cost).sum::<f64>() + CHANGE * arrangement.changes() as f64;
             Judgement { arrangement, load, lines, cost }
         };
