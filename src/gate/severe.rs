@@ -123,9 +123,9 @@ fn believable(other: &Judgement, plain: Option<&Judgement>, plant: &Plant, insta
 fn is_friction(other: &Judgement, plant: &Plant, instants: &Instants) -> bool {
     let trial = Trial::beyond_friction(plant);
     let cost = |arrangement| trial.judge(instants, arrangement).map(|j| j.cost);
-    let better = |plain: f64| cost(other.arrangement).is_some_and(|c| c < plain - BETTER.0);
+    let costs = || cost(Arrangement::PLAIN).zip(cost(other.arrangement));
     other.arrangement.renames_arms(plant.mechanism.arms())
-        && cost(Arrangement::PLAIN).is_some_and(|plain| !better(plain))
+        && costs().is_some_and(|(plain, other)| other >= plain - BETTER.0)
 }
 
 /// Finding: the torques of all arms follow the model's inertia, but hold no weight.

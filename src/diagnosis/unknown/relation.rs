@@ -11,6 +11,7 @@ use super::matching_pursuit::{Ground, gain};
 use super::sight::Sight;
 use crate::diagnosis::judge::UNEXPLAINED;
 use crate::effects::formula::Variable;
+use crate::numerics::deviation;
 
 /// Share of the energy above the noise that the motion must predict or redistribute, for it to be a relation.
 pub const SHARE: f64 = 0.1;
@@ -74,10 +75,8 @@ fn above_noise(seen: &Ground, channel: usize) -> ((f64, f64), f64) {
     let noises: Vec<f64> = seen.instants.iter().map(noise).collect();
     let above: Vec<f64> = of(seen, channel).iter().zip(&noises).map(|(r, noise)| (r * r - 1.0) * noise).collect();
     let blocks: Vec<f64> = above.chunks(BLOCK).map(mean).collect();
-    let about = mean(&above);
-    let scatter =
-        blocks.iter().map(|x| (x - about).powi(2)).sum::<f64>() / blocks.len().saturating_sub(1).max(1) as f64;
-    ((about, (scatter / blocks.len().max(1) as f64).sqrt()), mean(&noises))
+    let error = deviation(&blocks) / (blocks.len().max(2) as f64 - 1.0).sqrt();
+    ((mean(&above), error), mean(&noises))
 }
 
 /// Whether the energy per block is larger, or smaller, where an axis moves or accelerates more.

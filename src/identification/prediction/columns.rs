@@ -8,7 +8,7 @@
 //! columns depend on all previous samples: see [`gears`].
 
 mod differences;
-pub(super) mod laws;
+mod laws;
 
 use std::borrow::Cow;
 use std::sync::OnceLock;
@@ -17,6 +17,7 @@ use rayon::prelude::*;
 
 use self::differences::Differences;
 use self::laws::linear;
+pub(super) use self::laws::terms;
 use super::{Channels, InternalStates, Joints, Laws, gear_springs, gears, ideal, joints, observe, predict};
 use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, Entry, Role};

@@ -6,7 +6,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::columns::laws::terms;
+use super::columns::terms;
 use super::{Channels, Joints, ideal};
 use crate::dynamics::Plant;
 use crate::effects::rigid_bodies::{self, RigidBodies};
