@@ -194,6 +194,38 @@ fn orders_are_named_and_mended() {
     assert_eq!(found[0].remedy.to_string(), "--map \"tau1=tau2\"");
 }
 
+/// Arms of a delta are alike but for friction: a slow motion, where the robot's arms 2 and 3 have each other's Coulomb friction,
+/// does not exchange their names.
+#[test]
+fn arms_are_not_exchanged_for_their_friction() {
+    common::at_root();
+    // Coulomb friction of the arms, N·m.
+    let with_friction = |coulomb: [f64; 3]| {
+        let mut model = nominal();
+        let friction = model.effects.iter_mut().find(|a| a.effect.name() == "drive_friction").expect("in the model");
+        let names: Vec<String> = friction.entries().into_iter().map(|e| e.name).collect();
+        for (k, value) in coulomb.into_iter().enumerate() {
+            let at = names.iter().position(|name| *name == format!("coulomb_{}", k + 1)).expect("a parameter");
+            friction.values[at] = value;
+        }
+        model
+    };
+    let (known, worn) = (with_friction([5.0, 2.0, 8.0]), with_friction([5.0, 8.0, 2.0]));
+    let setup = Setup { torque_noise: Some(NOISE), ..Setup::default() };
+    let (motion, slowed) = (motion(5), 0.2);
+    let slow = |t: f64| {
+        let fast = motion.at(slowed * t).joints(&worn.geometry).expect("in reach");
+        JointState { qd: fast.qd.map(|x| slowed * x), qdd: fast.qdd.map(|x| slowed * slowed * x), ..fast }
+    };
+    let t: Vec<f64> = (0..20_000).map(|k| k as f64 * PERIOD).collect();
+    let joints = t.iter().map(|&t| slow(t)).collect();
+    let mut recording = planned(setup, t, joints, PERIOD);
+    let torques = predict(&Plant::new(&worn, &setup), &recording).expect("a possible motion");
+    recording.measured = torques.into_iter().map(|torque| torque.into_iter().collect()).collect();
+    let found = examine(&known, &recording);
+    assert!(found.iter().all(|f| f.problem != Problem::Order), "{found:?}");
+}
+
 /// Zeros that are mended are exactly a quarter turn, and no other axis is touched.
 fn quarter_turns(arms: std::ops::Range<usize>, turn: f64) {
     let found = found_and_mended(|s| each(s, |q, _| arms.clone().for_each(|i| q[i] += turn)));
