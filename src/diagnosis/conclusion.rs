@@ -104,7 +104,8 @@ impl Conclusion {
     /// # Errors
     /// If a pose is impossible for the model.
     pub fn weigh_the_rest(&mut self, judge: &Judge) -> Result<(), FitError> {
-        let is_open = self.is_more_than_noise && self.left > LEAVES_MORE && self.unexplained.is_none();
+        let leaves_more = self.left > LEAVES_MORE || self.verdict == Verdict::Unknown;
+        let is_open = self.is_more_than_noise && leaves_more && self.unexplained.is_none();
         self.leaves_noise = is_open && !unknown::is_related(&self.end, judge)?;
         if self.leaves_noise && self.verdict == Verdict::Unknown {
             self.verdict = verdict_of_names(self.effects.len(), !self.indistinguishable.is_empty());

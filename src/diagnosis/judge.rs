@@ -16,6 +16,10 @@ use crate::model::Model;
 /// recording, and an effect much smaller than a large model error explains nothing.
 pub(super) const MIN_RELEVANCE: f64 = 0.1;
 
+/// The smallest contribution over coarse angles, a tenth of the variance: their smoothing leaves an error that follows the
+/// motion, and small effects imitate it.
+const RELEVANCE_OF_COARSE: f64 = 0.33;
+
 /// Share that an effect must gain on held-out data of what it predicts there or gained on the fitted data, whichever is
 /// less. A drifting bias gains nothing; a motion that shows the effect less gains less, as predicted.
 const HELD_OUT_SHARE: f64 = 0.3;
@@ -35,6 +39,9 @@ const MAX_DRIFT_GAIN: f64 = 50.0;
 
 /// Ratio of the RMS residual to the noise floor above which it is not explained by controller or filter.
 pub(super) const UNEXPLAINED: f64 = 1.15;
+
+/// The ratio over coarse angles, whose smoothing leaves more.
+const UNEXPLAINED_OF_COARSE: f64 = 1.25;
 
 /// A fit with its residuals on the validation data.
 #[derive(Clone)]
@@ -78,6 +85,22 @@ impl<'a> Judge<'a> {
     /// Whether the residuals on the validation data clearly exceed the noise of some channel.
     pub fn is_more_than_noise(&self, rms: &[f64]) -> bool {
         rms.iter().zip(&self.floor).any(|(r, floor)| r / floor.max(f64::MIN_POSITIVE) > UNEXPLAINED)
+    }
+
+    /// Whether an effect changes the RMS residual of some channel on the validation data enough to be named.
+    pub fn is_relevant(&self, without: &[f64], with: &[f64]) -> bool {
+        let least = if self.is_coarse() { RELEVANCE_OF_COARSE } else { MIN_RELEVANCE };
+        relevance(without, with) >= least
+    }
+
+    /// Ratio of the RMS residual to the noise floor above which the motion may explain it.
+    pub fn unexplained(&self) -> f64 {
+        if self.is_coarse() { UNEXPLAINED_OF_COARSE } else { UNEXPLAINED }
+    }
+
+    /// Whether the angles of some recording are too coarse to resolve reversals.
+    fn is_coarse(&self) -> bool {
+        self.fitting.datasets.iter().chain(self.held_out).any(Dataset::is_coarse)
     }
 
     /// Whether no channel of the validation data exceeds its noise, so that nothing is to be explained.
@@ -163,8 +186,8 @@ impl<'a> Judge<'a> {
         let share = HELD_OUT_SHARE * fitted.min(relative_energy(&change, &self.floor));
         let left = relative_energy(&after, &self.floor) - self.floor.len() as f64;
         let stays = held_out >= share.max(ABOVE_THE_REST * left)
-            && is_relevant(&before, &after)
-            && is_relevant(without.rms(), with.rms());
+            && self.is_relevant(&before, &after)
+            && self.is_relevant(without.rms(), with.rms());
         Ok(stays && !self.fitting.wanders(&without.fit, &with.fit)?)
     }
 }
@@ -244,10 +267,10 @@ pub(super) fn wanders_in(datasets: &[Dataset], without: &Judged, with: &Judged) 
     noise.energy(&before) - noise.energy(&left) < MAX_DRIFT_GAIN
 }
 
-/// Whether the variance of some channel decreases enough, relative to the residual with the effect.
-pub(super) fn is_relevant(without: &[f64], with: &[f64]) -> bool {
+/// RMS contribution of an effect relative to the residual with it, of the channel on which it is largest.
+pub(super) fn relevance(without: &[f64], with: &[f64]) -> f64 {
     let gains = without.iter().zip(with).map(|(without, with)| (without / with).powi(2) - 1.0);
-    gains.fold(0.0, f64::max) >= MIN_RELEVANCE.powi(2)
+    gains.fold(0.0, f64::max).sqrt()
 }
 
 /// Sum over the channels of the variance in units of the noise.

@@ -15,7 +15,7 @@ use std::cell::OnceCell;
 
 pub(super) use models::{with_effects, without_effects};
 
-use super::judge::{Judge, Judged, MIN_RELEVANCE, is_relevant, relative_energy};
+use super::judge::{Judge, Judged, MIN_RELEVANCE, relative_energy, relevance};
 use super::problem::Edges;
 use super::progress::{Progress, promises};
 use super::{DiagnosisError, problem};
@@ -482,5 +482,7 @@ impl<'a> Search<'a> {
 /// Whether the gain of a candidate in the ranking is relevant on some channel; true if it is not ranked.
 fn is_promising(ranking: &Ranking, chosen: &Chosen) -> bool {
     let rms = |squares: &[f64]| squares.iter().map(|s| s.sqrt()).collect::<Vec<_>>();
-    ranking.of(chosen.candidate).is_none_or(|a| is_relevant(&rms(&ranking.sum_of_squares), &rms(&a.sum_of_squares)))
+    ranking
+        .of(chosen.candidate)
+        .is_none_or(|a| relevance(&rms(&ranking.sum_of_squares), &rms(&a.sum_of_squares)) >= MIN_RELEVANCE)
 }

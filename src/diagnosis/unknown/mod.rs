@@ -14,7 +14,7 @@ pub use sight::Sight;
 use std::sync::Arc;
 
 use super::fitting::{Fitting, Stage};
-use super::judge::{Judge, Judged, UNEXPLAINED, is_relevant, relative_energy, wanders_in};
+use super::judge::{Judge, Judged, relative_energy, wanders_in};
 use super::left::Rest;
 use super::orders;
 use super::progress::Progress;
@@ -200,7 +200,7 @@ fn is_confirmed(without: &Judged, with: &Judged, judge: &Judge) -> Result<bool, 
     let energy = |rms: &[f64]| relative_energy(rms, &judge.floor);
     let unexplained = energy(&before) - judge.floor.len() as f64;
     Ok(energy(&before) - energy(&after) >= WORTH_SHOWING * unexplained
-        && is_relevant(&before, &after)
+        && judge.is_relevant(&before, &after)
         && !wanders_in(judge.data(), without, with)
         && !judge.fitting.wanders(&without.fit, &with.fit)?)
 }
@@ -219,8 +219,9 @@ pub(super) fn is_related(judged: &Judged, judge: &Judge) -> Result<bool, FitErro
         let found = line(judge.data(), &judged.residuals).filter(|(_, share)| *share >= relation::SHARE);
         fitted.zip(found).is_some_and(|(fitted, found)| (fitted.0 / found.0 - 1.0).abs() < SAME_ORDER)
     };
-    let mut above = (0..judge.floor.len()).filter(|&c| judged.rms()[c] > UNEXPLAINED * judge.floor[c]);
-    Ok(above.any(|c| relation::is_related(&found, &held_out, c) || has_line(c)))
+    let least = judge.unexplained();
+    let mut above = (0..judge.floor.len()).filter(|&c| judged.rms()[c] > least * judge.floor[c]);
+    Ok(above.any(|c| relation::is_related(&found, &held_out, c, least) || has_line(c)))
 }
 
 /// What is left of a fit on a drive in the data to judge by, where no formula explains it; none without data there.

@@ -9,7 +9,6 @@ use nalgebra::{DMatrix, DVector};
 
 use super::matching_pursuit::{Ground, gain};
 use super::sight::Sight;
-use crate::diagnosis::judge::UNEXPLAINED;
 use crate::effects::formula::Variable;
 use crate::numerics::deviation;
 
@@ -32,20 +31,22 @@ const RUNS: usize = 8;
 const BLOCK: usize = 50;
 
 /// Whether the residual of a channel is related to the motion: what is `found` of it predicts what is `judged`, beyond what
-/// errors of the model's parameters explain there; or it is louder in one motion than in the other.
-pub fn is_related(found: &Ground, judged: &Ground, channel: usize) -> bool {
+/// errors of the model's parameters explain there; or it is louder in one motion than in the other. A residual up to
+/// `unexplained` in units of the noise is noise.
+pub fn is_related(found: &Ground, judged: &Ground, channel: usize, unexplained: f64) -> bool {
     let residual = of(judged, channel);
     let before = energies(residual);
+    let least = unexplained.powi(2) - 1.0;
     // The noise has the mean square 1.
     let excess = before.iter().sum::<f64>() / residual.len().max(1) as f64 - 1.0;
-    if excess <= UNEXPLAINED.powi(2) - 1.0 {
+    if excess <= least {
         return false;
     }
     let predicted = Functions::new(found).fit(found, channel).predict(judged);
     let rest: Vec<f64> = residual.iter().zip(&predicted).map(|(r, p)| r - p).collect();
     let (explained, t) = gain(&before, &energies(&rest));
     let is_predicted = explained >= SHARE * excess * residual.len() as f64 && t >= SURE;
-    is_predicted || is_louder_in_one(found, judged, channel) || is_louder_in_motion(judged, &before)
+    is_predicted || is_louder_in_one(found, judged, channel, least) || is_louder_in_motion(judged, &before)
 }
 
 /// Sums of squares of a residual over blocks of time.
@@ -61,11 +62,10 @@ fn of<'a>(ground: &'a Ground, channel: usize) -> &'a [f64] {
 
 /// Whether the residual is larger in one of two motions. Noise of a sensor is as large in both, in N·m; the error by coarse
 /// angles, which is not, is part of the noise that is subtracted.
-fn is_louder_in_one(found: &Ground, judged: &Ground, channel: usize) -> bool {
+fn is_louder_in_one(found: &Ground, judged: &Ground, channel: usize, least: f64) -> bool {
     let [(a, of_a), (b, of_b)] = [found, judged].map(|seen| above_noise(seen, channel));
     let (less, more) = (a.0.min(b.0), a.0.max(b.0));
-    let least = (UNEXPLAINED.powi(2) - 1.0) * of_a.max(of_b);
-    more > LOUDER.0 * less.max(least) && more - less > LOUDER.1 * a.1.hypot(b.1)
+    more > LOUDER.0 * less.max(least * of_a.max(of_b)) && more - less > LOUDER.1 * a.1.hypot(b.1)
 }
 
 /// Mean energy of a residual above the noise with its standard error by blocks of time, and energy of the noise; (N·m)² or N².
@@ -203,6 +203,7 @@ impl Fitted<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnosis::judge::UNEXPLAINED;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
@@ -241,7 +242,7 @@ mod tests {
     /// Whether the first instants of the first motion predict the second one.
     fn related_by(sight: &Sight, first: usize) -> bool {
         let [found, judged] = [0..first, LEN / 2..LEN].map(|range| Ground::new(sight, range.collect()));
-        is_related(&found, &judged, 0)
+        is_related(&found, &judged, 0, UNEXPLAINED)
     }
 
     /// Noise of unit variance that is an AR(1) process with coefficient `memory`.

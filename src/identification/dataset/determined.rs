@@ -44,7 +44,7 @@ impl Dataset {
     }
 
     /// Whether the angles of an axis are so coarse that its reversals are not resolved.
-    fn is_coarse(&self) -> bool {
+    pub fn is_coarse(&self) -> bool {
         let (time, rate) = RESOLVED;
         let is_wide = |m: usize| m > MIN_HALF_WIDTH && m as f64 * self.dt > time;
         self.half_width.iter().zip(&self.accuracy).any(|(m, own)| is_wide(*m) && own.rate > rate)
