@@ -214,10 +214,11 @@ impl Alone<'_> {
         })
     }
 
-    /// Samples of a lone axis that were left out because it stands.
+    /// Samples of a single axis that were left out because it stands; those of a robot are left out near reversals.
     fn standstill(&self, axis: usize) -> Option<Finding> {
+        let is_single = matches!(self.recording.signals.mechanism, Mechanism::Axis(_));
         let share = self.dataset.left_out;
-        (share > STANDING).then(|| {
+        (is_single && share > STANDING).then(|| {
             let sentence = format!(
                 "axis {} stands for {:.0} % of the time: static friction takes any value there, so these samples are left out",
                 axis + 1,

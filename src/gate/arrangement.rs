@@ -5,13 +5,15 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use super::instants::{Instants, Predicted, beyond_friction, friction, heavier};
+use super::instants::{Instants, Predicted, beyond, friction, heavier, shifted};
 use super::line::Line;
 use crate::dynamics::Plant;
+use crate::identification::Dataset;
 use crate::identification::dataset::stride_for;
 use crate::identification::residuals::{difference, rms};
 use crate::kinematics::JointState;
 use crate::machine::{AXES, Mechanism};
+use crate::recording::Channel;
 
 /// Column of each axis and the conversion of its angle: q = sign · column + zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -140,19 +142,20 @@ pub struct Trial<'a> {
     plant: &'a Plant,
     /// The machine with a kilogram more, if loads are tried.
     heavier: Option<Plant>,
-    /// Whether only the part of the torques beyond a constant and the friction of each axis counts.
-    frees_friction: bool,
+    /// The machine with shifted payloads, if only the part of the torques beyond a constant, the friction of each axis and
+    /// such a shift counts.
+    shifted: Option<[Plant; 2]>,
 }
 
 impl<'a> Trial<'a> {
     /// The machine as its setup states it.
     pub fn new(plant: &'a Plant) -> Self {
-        Self { plant, heavier: None, frees_friction: false }
+        Self { plant, heavier: None, shifted: None }
     }
 
-    /// The machine with any offset and friction of the axes, which a fit determines.
+    /// The machine with any offset and friction of the axes, and any centre of mass of its payload, which a fit determines.
     pub fn beyond_friction(plant: &'a Plant) -> Self {
-        Self { frees_friction: true, ..Self::new(plant) }
+        Self { shifted: Some(shifted(plant)), ..Self::new(plant) }
     }
 
     /// The machine with any load.
@@ -172,10 +175,9 @@ impl<'a> Trial<'a> {
         let column = |c: usize| dataset.channels[c].drive().map_or(c, |i| arrangement.torque[i]);
         let measured: Vec<Vec<f64>> =
             (0..dataset.channels.len()).map(|c| predicted.of(instants.measured(column(c), 0))).collect();
-        let friction = |c: usize| dataset.channels[c].drive().map(|i| friction(&joints, i).map(|f| predicted.of(f)));
-        let frictions: Vec<_> = (0..measured.len()).map(|c| friction(c).filter(|_| self.frees_friction)).collect();
-        let line = |(c, p): (usize, &Vec<f64>)| match &frictions[c] {
-            Some(f) => Line::of(&beyond_friction(p, f)?, &beyond_friction(&measured[c], f)?),
+        let freed = self.freed(dataset, &joints, &predicted);
+        let line = |(c, p): (usize, &Vec<f64>)| match freed.get(c) {
+            Some(features) => Line::of(&beyond(p, features)?, &beyond(&measured[c], features)?),
             None => Line::of(p, &measured[c]),
         };
         let judged = |series: &[Vec<f64>], load: f64| {
@@ -207,6 +209,19 @@ impl<'a> Trial<'a> {
             if with(a).cost < with(b).cost { high = b } else { low = a }
         }
         [own, with(0.5 * (low + high))].into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
+    }
+
+    /// What a fit determines of each channel in any arrangement: friction of its axis and torques of a shifted payload;
+    /// nothing if all of the torques counts.
+    fn freed(&self, dataset: &Dataset, joints: &[JointState], predicted: &Predicted) -> Vec<Vec<Vec<f64>>> {
+        let Some(shifted) = &self.shifted else { return Vec::new() };
+        let t = dataset.t.first().copied().unwrap_or(0.0);
+        let shifted = shifted.each_ref().map(|plant| Predicted::new(plant, &dataset.channels, t, joints));
+        let alike = || shifted.iter().filter(|s| s.possible == predicted.possible);
+        let moved = |c: usize| alike().map(move |s| difference(&s.series[c], &predicted.series[c]));
+        let rubs = |i: usize| friction(joints, i).map(|f| predicted.of(f));
+        let of = |(c, channel): (usize, &Channel)| moved(c).chain(channel.drive().into_iter().flat_map(rubs)).collect();
+        dataset.channels.iter().enumerate().map(of).collect()
     }
 
     /// The arrangement of least cost.

@@ -2,6 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::dynamics::{Output, Plant, inverse_dynamics};
@@ -82,6 +83,11 @@ pub fn carrying(plant: &Plant, load: Inertia) -> Plant {
     loaded
 }
 
+/// The plant with a first moment of 0.1 kg·m more at its flange, along x and along y.
+pub fn shifted(plant: &Plant) -> [Plant; 2] {
+    [Vector3::x(), Vector3::y()].map(|e| carrying(plant, Inertia { first_moment: 0.1 * e, ..Inertia::ZERO }))
+}
+
 /// Rate of an axis in rad/s and its smooth sign, over which viscous and Coulomb friction are regressed.
 pub fn friction(joints: &[JointState], axis: usize) -> [Vec<f64>; 2] {
     let rates: Vec<f64> = joints.iter().map(|j| j.qd[axis]).collect();
@@ -89,12 +95,14 @@ pub fn friction(joints: &[JointState], axis: usize) -> [Vec<f64>; 2] {
     [rates, signs]
 }
 
-/// The part of a torque that neither a constant nor `friction` of its axis explains; `None` if these are not independent.
-pub fn beyond_friction(torque: &[f64], friction: &[Vec<f64>; 2]) -> Option<Vec<f64>> {
+/// The part of a torque that neither a constant nor multiples of `features`, such as the [`friction`] of its axis, explain;
+/// `None` with too few samples.
+pub fn beyond(torque: &[f64], features: &[Vec<f64>]) -> Option<Vec<f64>> {
     let ones = vec![1.0; torque.len()];
-    let features = [&ones[..], &friction[0], &friction[1]];
-    let beta = least_squares(&features, torque)?.beta;
-    Some(torque.iter().enumerate().map(|(k, y)| y - (0..3).map(|a| beta[a] * features[a][k]).sum::<f64>()).collect())
+    let all: Vec<&[f64]> = std::iter::once(&ones).chain(features).map(Vec::as_slice).collect();
+    let beta = least_squares(&all, torque)?.beta;
+    let explained = |k: usize| beta.iter().zip(&all).map(|(b, feature)| b * feature[k]).sum::<f64>();
+    Some(torque.iter().enumerate().map(|(k, y)| y - explained(k)).collect())
 }
 
 /// Predictions at a set of instants: one series per channel of the dataset, and which poses are reachable.

@@ -7,7 +7,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-use super::instants::{Predicted, beyond_friction, carrying};
+use super::instants::{Predicted, beyond, carrying};
 use super::mild::Context;
 use super::{Evidence, Finding, Problem, Remedy, rounded};
 use crate::identification::Dataset;
@@ -155,7 +155,7 @@ impl Context<'_> {
 
     /// Series of the arms after regression on constant and friction of each.
     fn beyond(&self, series: &[Vec<f64>]) -> Option<Beyond> {
-        let one = |(axis, y): (usize, &Vec<f64>)| beyond_friction(y, &self.friction[axis]);
+        let one = |(axis, y): (usize, &Vec<f64>)| beyond(y, &self.friction[axis]);
         series.iter().enumerate().take(self.plant.mechanism.arms()).map(one).collect()
     }
 

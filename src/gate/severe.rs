@@ -115,12 +115,12 @@ fn believable(other: &Judgement, plain: Option<&Judgement>, plant: &Plant, insta
     let arms = other.lines.iter().take(plant.mechanism.arms()).flatten();
     let correlated = arms.fold(f64::INFINITY, |least, l| least.min(l.correlation.abs())) > BETTER.1;
     let better = plain.is_none_or(|p| other.cost < p.cost - BETTER.0);
-    correlated && better && !is_friction(other, plant, instants)
+    correlated && better && !is_of_a_fit(other, plant, instants)
 }
 
-/// Whether only offset and friction of the axes, which a fit determines, speak for other names of the arms: arms of equal
-/// build differ in nothing else.
-fn is_friction(other: &Judgement, plant: &Plant, instants: &Instants) -> bool {
+/// Whether only offset and friction of the axes and the payload's centre of mass, which a fit determines, speak for other
+/// names of the arms: arms of equal build differ in nothing else, and other names turn the payload.
+fn is_of_a_fit(other: &Judgement, plant: &Plant, instants: &Instants) -> bool {
     let trial = Trial::beyond_friction(plant);
     let cost = |arrangement| trial.judge(instants, arrangement).map(|j| j.cost);
     let costs = || cost(Arrangement::PLAIN).zip(cost(other.arrangement));

@@ -194,6 +194,21 @@ fn orders_are_named_and_mended() {
     assert_eq!(found[0].remedy.to_string(), "--map \"tau1=tau2\"");
 }
 
+/// The motion slowed down by a factor, with the torques of a model.
+fn slow_run(model: &Model, setup: &Setup, slowed: f64) -> Dataset {
+    let motion = motion(5);
+    let slow = |t: f64| {
+        let fast = motion.at(slowed * t).joints(&model.geometry).expect("in reach");
+        JointState { qd: fast.qd.map(|x| slowed * x), qdd: fast.qdd.map(|x| slowed * slowed * x), ..fast }
+    };
+    let t: Vec<f64> = (0..20_000).map(|k| k as f64 * PERIOD).collect();
+    let joints = t.iter().map(|&t| slow(t)).collect();
+    let mut recording = planned(*setup, t, joints, PERIOD);
+    let torques = predict(&Plant::new(model, setup), &recording).expect("a possible motion");
+    recording.measured = torques.into_iter().map(|torque| torque.into_iter().collect()).collect();
+    recording
+}
+
 /// Arms of a delta are alike but for friction: a slow motion, where the robot's arms 2 and 3 have each other's Coulomb friction,
 /// does not exchange their names.
 #[test]
@@ -212,18 +227,24 @@ fn arms_are_not_exchanged_for_their_friction() {
     };
     let (known, worn) = (with_friction([5.0, 2.0, 8.0]), with_friction([5.0, 8.0, 2.0]));
     let setup = Setup { torque_noise: Some(NOISE), ..Setup::default() };
-    let (motion, slowed) = (motion(5), 0.2);
-    let slow = |t: f64| {
-        let fast = motion.at(slowed * t).joints(&worn.geometry).expect("in reach");
-        JointState { qd: fast.qd.map(|x| slowed * x), qdd: fast.qdd.map(|x| slowed * slowed * x), ..fast }
-    };
-    let t: Vec<f64> = (0..20_000).map(|k| k as f64 * PERIOD).collect();
-    let joints = t.iter().map(|&t| slow(t)).collect();
-    let mut recording = planned(setup, t, joints, PERIOD);
-    let torques = predict(&Plant::new(&worn, &setup), &recording).expect("a possible motion");
-    recording.measured = torques.into_iter().map(|torque| torque.into_iter().collect()).collect();
-    let found = examine(&known, &recording);
+    let found = examine(&known, &slow_run(&worn, &setup, 0.2));
     assert!(found.iter().all(|f| f.problem != Problem::Order), "{found:?}");
+}
+
+/// Other names of the arms turn the robot by 120° about z, and a payload that is not where it is stated with it.
+#[test]
+fn arms_are_not_exchanged_for_a_shifted_payload() {
+    common::at_root();
+    let model = nominal();
+    for (mass, slowed) in [(1.0, 1.0), (2.0, 0.5)] {
+        let carrying = |x: f64, y: f64| {
+            let payload = Payload { mass, com: [x, y, 0.0].into(), ..Payload::default() };
+            Setup { payload, torque_noise: Some(NOISE), ..Setup::default() }
+        };
+        let recording = slow_run(&model, &carrying(-0.02, 0.0346), slowed);
+        let found = examine(&model, &Dataset { setup: carrying(0.04, 0.0), ..recording });
+        assert!(found.iter().all(|f| f.problem != Problem::Order), "{mass} kg: {found:?}");
+    }
 }
 
 /// Zeros that are mended are exactly a quarter turn, and no other axis is touched.

@@ -10,8 +10,8 @@ use crate::machine::{AXES, Mechanism};
 use crate::recording::{Channel, Signals, is_even};
 
 /// Half width of the differentiation, s, and least rate with a known sign, rad/s or m/s, up to which reversals are resolved:
-/// friction changes its sign within ±0.01 rad/s.
-const RESOLVED: (f64, f64) = (0.015, 0.01);
+/// friction changes its sign within ±0.01 rad/s, of which half must be seen.
+const RESOLVED: (f64, f64) = (0.015, 0.005);
 /// Sampling period, s, above which reversals are not resolved.
 const SLOW: f64 = 4e-3;
 /// Sampling period, s, above which readings at unequal times that repeat show that a lone axis sticks.
