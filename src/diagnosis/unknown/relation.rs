@@ -1,7 +1,7 @@
 //! Whether a residual is related to the motion, or noise with a memory.
 //!
 //! A law that acts on the machine makes a residual that the motion predicts, or at least one that is larger where the machine
-//! moves more. Noise of a sensor does neither, whatever its spectrum. A sum of functions, one of each angle, rate,
+//! moves more, or now and then, as gears that ring after a jerk. Noise of a sensor does neither, whatever its spectrum. A sum of functions, one of each angle, rate,
 //! acceleration, coordinate of the platform and predicted torque, is fitted to one part of the data by penalised least
 //! squares [Hastie 1986] and predicts the other.
 
@@ -20,6 +20,8 @@ const SURE: f64 = 3.0;
 const RANKED: (f64, f64) = (0.2, 4.0);
 /// Ratio of the energies above the noise in two motions that noise does not reach, and Student's t of their difference.
 const LOUDER: (f64, f64) = (2.5, 4.0);
+/// Variance of the energy over blocks of time, in units of that of stationary noise, above which noise comes in bursts.
+const BURSTS: f64 = 3.0;
 /// Nodes of the function of one quantity, at equal counts.
 const NODES: usize = 25;
 /// Penalties that are compared, relative to the mean weight of a node.
@@ -31,7 +33,7 @@ const RUNS: usize = 8;
 const BLOCK: usize = 50;
 
 /// Whether the residual of a channel is related to the motion: what is `found` of it predicts what is `judged`, beyond what
-/// errors of the model's parameters explain there; or it is louder in one motion than in the other. A residual up to
+/// errors of the model's parameters explain there; or it is louder in one motion than in the other, or at times. A residual up to
 /// `unexplained` in units of the noise is noise.
 pub fn is_related(found: &Ground, judged: &Ground, channel: usize, unexplained: f64) -> bool {
     let residual = of(judged, channel);
@@ -46,7 +48,11 @@ pub fn is_related(found: &Ground, judged: &Ground, channel: usize, unexplained: 
     let rest: Vec<f64> = residual.iter().zip(&predicted).map(|(r, p)| r - p).collect();
     let (explained, t) = gain(&before, &energies(&rest));
     let is_predicted = explained >= SHARE * excess * residual.len() as f64 && t >= SURE;
-    is_predicted || is_louder_in_one(found, judged, channel, least) || is_louder_in_motion(judged, &before)
+    let comes_in_bursts = || [found, judged].iter().all(|seen| burstiness(of(seen, channel)) > BURSTS);
+    is_predicted
+        || comes_in_bursts()
+        || is_louder_in_one(found, judged, channel, least)
+        || is_louder_in_motion(judged, &before)
 }
 
 /// Sums of squares of a residual over blocks of time.
@@ -77,6 +83,21 @@ fn above_noise(seen: &Ground, channel: usize) -> ((f64, f64), f64) {
     let blocks: Vec<f64> = above.chunks(BLOCK).map(mean).collect();
     let error = deviation(&blocks) / (blocks.len().max(2) as f64 - 1.0).sqrt();
     ((mean(&above), error), mean(&noises))
+}
+
+/// Variance of the mean square over blocks, relative to that of stationary Gaussian noise with the correlation ρ of the
+/// residual: 2σ⁴/n²·Σ ρ²(i − j) over the n² pairs of instants of a block [Isserlis 1918].
+fn burstiness(residual: &[f64]) -> f64 {
+    let blocks: Vec<&[f64]> = residual.chunks_exact(BLOCK).collect();
+    let covariance = |lag: usize| {
+        let product = |block: &&[f64]| block.iter().zip(&block[lag..]).map(|(a, b)| a * b).sum::<f64>();
+        blocks.iter().map(product).sum::<f64>() / (blocks.len() * (BLOCK - lag)) as f64
+    };
+    let pairs = |lag: usize| if lag == 0 { BLOCK } else { 2 * (BLOCK - lag) } as f64;
+    let stationary =
+        2.0 * (0..BLOCK).map(|lag| pairs(lag) * covariance(lag).powi(2)).sum::<f64>() / (BLOCK * BLOCK) as f64;
+    let energy: Vec<f64> = blocks.iter().map(|block| block.iter().map(|x| x * x).sum::<f64>() / BLOCK as f64).collect();
+    if blocks.len() < 2 { 0.0 } else { deviation(&energy).powi(2) / stationary.max(f64::MIN_POSITIVE) }
 }
 
 /// Whether the energy per block is larger, or smaller, where an axis moves or accelerates more.
@@ -280,6 +301,15 @@ mod tests {
         assert!(!related(&sight));
         sight.noise[1] = vec![1.0];
         assert!(related(&sight), "3 N·m and 1.5 N·m");
+    }
+
+    /// Noise with a memory that is three times as large for a second out of ten.
+    #[test]
+    fn noise_in_bursts_is_related() {
+        let e = noise(0.9, 5);
+        let loud = |k: usize| if k / 500 % 10 == 3 { 4.5 } else { 1.5 };
+        assert!(related(&sight(|k, _| loud(k) * e[k])));
+        assert!(!related(&sight(|k, _| 3.0 * e[k])));
     }
 
     /// A quarter of the variance above the floor: a bump over the angle, a product that no function of one quantity contains,
