@@ -2,6 +2,7 @@
 //!
 //! Its orders are those of the motor turn, whose angle is N·q_k, N the gear ratio.
 
+use super::judge::{Judge, Judged};
 use crate::comparison::Finding;
 use crate::effects::{ActiveEffect, cogging};
 use crate::identification::lines::{MOST_ORDERS, OverAngle};
@@ -11,6 +12,21 @@ use crate::text::significant;
 
 /// Orders of the effect `torque_ripple`.
 const RIPPLE: [f64; 2] = [1.0, 2.0];
+
+/// Share of the residual of a drive that a line must take on the validation data.
+const SHARE: f64 = 0.1;
+/// Relative difference of the orders of a line in two recordings.
+const SAME_ORDER: f64 = 0.02;
+
+/// Whether the residuals of a channel have the same line over the angle of its motor on the fitted and on the validation data.
+pub(super) fn have_line(judged: &Judged, judge: &Judge, channel: usize) -> bool {
+    let model = &judged.fit.model;
+    let arm = judge.data()[0].channels[channel].drive().filter(|i| *i < model.mechanism.arms());
+    let line = |datasets, residuals| line(model, residuals, datasets, arm?);
+    let fitted = line(judge.fitting.datasets, &judged.fit.residuals);
+    let found = line(judge.data(), &judged.residuals).filter(|(_, share)| *share >= SHARE);
+    fitted.zip(found).is_some_and(|(fitted, found)| (fitted.0 / found.0 - 1.0).abs() < SAME_ORDER)
+}
 
 /// The effect `cogging` at the orders of the motor turn that the residuals of a model contain; `None` if they contain
 /// none, or only those of `torque_ripple`.

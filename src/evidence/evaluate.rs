@@ -31,9 +31,29 @@ pub fn evaluate_for(
     settings: &Settings,
 ) -> Result<Ranking, Error> {
     problem.check()?;
+    ranked(problem, chosen, own, BaseFit::new(problem, chosen, settings)?, settings)
+}
+
+/// Assessment of every candidate with `own` first, significant or not, in the noise that is left with it.
+///
+/// # Errors
+/// As [`evaluate()`].
+pub fn evaluate_in_the_rest(problem: &Problem, own: Chosen, settings: &Settings) -> Result<Ranking, Error> {
+    problem.check()?;
+    let BaseFit { columns, residual, theta, .. } = BaseFit::new(problem, &[], settings)?;
+    let base = BaseFit { columns, residual, theta, ..BaseFit::new(problem, &[own], settings)? };
+    ranked(problem, &[], Some(own.candidate), base, settings)
+}
+
+fn ranked(
+    problem: &Problem,
+    chosen: &[Chosen],
+    own: Option<usize>,
+    base: BaseFit,
+    settings: &Settings,
+) -> Result<Ranking, Error> {
     let is_open = |i: &usize| chosen.iter().all(|c| c.candidate != *i);
     let tested: Vec<usize> = (0..problem.candidates.len()).filter(is_open).collect();
-    let base = BaseFit::new(problem, chosen, settings)?;
     let places = tested.iter().flat_map(|&j| (0..problem.candidates[j].variants.len()).map(move |v| (j, v))).collect();
     let entries = base.assess(problem, places)?;
     base.rank(problem, (&tested, own), entries, chosen, settings)

@@ -1,7 +1,7 @@
 //! Forward selection of effects with backward elimination.
 
 use super::Error;
-use super::evaluate::{evaluate, evaluate_for};
+use super::evaluate::{evaluate, evaluate_for, evaluate_in_the_rest};
 use super::problem::{Chosen, Problem, Settings};
 use super::ranking::Ranking;
 use super::stop::{NEVER, Stop};
@@ -73,12 +73,12 @@ pub fn select(problem: &Problem, settings: &Settings) -> Result<Outcome, Error> 
     select_with(problem, settings, NEVER, |_, _| Ok(Refit::Same), false, &[])
 }
 
-/// Outcome with one effect, significant or not, in the problem `refitted` with it.
+/// Outcome with one effect, significant or not, in the problem `refitted` with it and the noise that it leaves.
 ///
 /// # Errors
 /// As [`evaluate()`].
 pub fn single(refitted: Problem, chosen: Chosen, settings: &Settings) -> Result<Outcome, Error> {
-    let ranking = evaluate_for(&refitted, &[], Some(chosen.candidate), settings)?;
+    let ranking = evaluate_in_the_rest(&refitted, chosen, settings)?;
     let remaining = evaluate(&refitted, &[chosen], settings)?;
     let findings = vec![Finding { chosen, ranking, as_stated: false }];
     let refitted = Some(refitted);

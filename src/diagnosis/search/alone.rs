@@ -2,22 +2,26 @@
 //!
 //! Few blocks of time, or parameters of the model that imitate an effect, leave its p value large and its usual size
 //! invisible. That something is missing is clear nevertheless where the error exceeds the noise in both the fitted and the
-//! validation data, and an effect that explains most of it there is a better answer than none.
+//! validation data, and an effect that explains most of it there is a better answer than none. So is cogging where both have
+//! the same line over the angle of a motor, which is noise with a memory to the whitened ranking.
 
 use super::Search;
 use super::standing::Standing;
 use crate::diagnosis::DiagnosisError;
 use crate::diagnosis::judge::{Judged, relative_energy};
+use crate::diagnosis::orders;
 use crate::diagnosis::progress::Progress;
+use crate::effects::cogging;
 use crate::evidence::{self, Assessment, Chosen};
 
 /// Number of effects that are fitted.
 const FITTED: usize = 3;
 
 /// Least share of the error above the noise that an effect must promise on the fitted data, and explain on the validation
-/// data.
+/// data; and that lines must explain there, which are fainter where a controller is too slow for them.
 const PROMISED: f64 = 0.3;
 const EXPLAINED: f64 = 0.7;
+const BY_LINES: f64 = 0.3;
 
 impl Search<'_> {
     /// The effect that explains most alone, if `standing` names nothing and leaves more than noise.
@@ -32,14 +36,17 @@ impl Search<'_> {
             return Ok(standing);
         }
         let above = |judged: &Judged| self.above(relative_energy(judged.rms(), &judge.floor));
-        let most = (1.0 - EXPLAINED) * above(&standing.end);
+        let before = above(&standing.end);
+        let lines = self.lines(&standing.end).map(|chosen| (chosen, BY_LINES));
         let mut best: Option<(f64, Chosen, Judged)> = None;
-        for chosen in self.most_promising() {
+        for (chosen, least) in
+            lines.into_iter().chain(self.most_promising().into_iter().map(|chosen| (chosen, EXPLAINED)))
+        {
             progress(Progress::Step(&format!("refit with {} alone", self.shape(&chosen).effect.name())));
             // An effect with which no machine can be fitted is left out.
             let Ok(fitted) = self.refit(&[chosen], self.all.as_ref()) else { continue };
             let left = above(&fitted);
-            if left <= most && best.as_ref().is_none_or(|(least, ..)| left < *least) {
+            if left <= (1.0 - least) * before && best.as_ref().is_none_or(|(least, ..)| left < *least) {
                 best = Some((left, chosen, fitted));
             }
         }
@@ -49,6 +56,13 @@ impl Search<'_> {
         judge.fitting.count_rankings(outcome.rankings);
         let found = self.confirm_some(outcome, end)?;
         Ok(if found.outcome.findings.is_empty() { standing } else { found })
+    }
+
+    /// Cogging, if the residuals of a drive have a line over the angle of its motor.
+    fn lines(&self, end: &Judged) -> Option<Chosen> {
+        let has_line = || (0..self.judge.floor.len()).any(|c| orders::have_line(end, self.judge, c));
+        let cogging = self.candidates.iter().position(|shapes| shapes[0].effect.name() == cogging::NAME);
+        cogging.filter(|_| has_line()).map(|candidate| Chosen { candidate, variant: 0 })
     }
 
     /// Effects that promise most alone, significant or not, best first.

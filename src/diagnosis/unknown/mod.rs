@@ -41,8 +41,6 @@ const BETTER: f64 = 4.0;
 const WORTH_NAMING: f64 = 0.05;
 /// Share of the error above the noise that a formula must explain on validation data.
 const WORTH_SHOWING: f64 = 0.1;
-/// Relative difference of the orders of a line in two recordings.
-const SAME_ORDER: f64 = 0.02;
 /// Number of terms of the formulas that compare the places.
 const AT_ONE_PLACE: usize = 3;
 
@@ -211,17 +209,9 @@ pub(super) fn is_related(judged: &Judged, judge: &Judge) -> Result<bool, FitErro
     let search = Search::new(judged, judge)?;
     let found = Ground::new(&search.find, search.found.clone());
     let held_out = Ground::new(search.judge.as_ref().unwrap_or(&search.find), search.judged.clone());
-    let model = &judged.fit.model;
-    let has_line = |c: usize| {
-        let arm = judge.data()[0].channels[c].drive().filter(|i| *i < model.mechanism.arms());
-        let line = |datasets, residuals| orders::line(model, residuals, datasets, arm?);
-        let fitted = line(judge.fitting.datasets, &judged.fit.residuals);
-        let found = line(judge.data(), &judged.residuals).filter(|(_, share)| *share >= relation::SHARE);
-        fitted.zip(found).is_some_and(|(fitted, found)| (fitted.0 / found.0 - 1.0).abs() < SAME_ORDER)
-    };
     let least = judge.unexplained();
     let mut above = (0..judge.floor.len()).filter(|&c| judged.rms()[c] > least * judge.floor[c]);
-    Ok(above.any(|c| relation::is_related(&found, &held_out, c, least) || has_line(c)))
+    Ok(above.any(|c| relation::is_related(&found, &held_out, c, least) || orders::have_line(judged, judge, c)))
 }
 
 /// What is left of a fit on a drive in the data to judge by, where no formula explains it; none without data there.

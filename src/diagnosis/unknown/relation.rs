@@ -13,7 +13,7 @@ use crate::effects::formula::Variable;
 use crate::numerics::deviation;
 
 /// Share of the energy above the noise that the motion must predict or redistribute, for it to be a relation.
-pub const SHARE: f64 = 0.1;
+const SHARE: f64 = 0.1;
 /// Student's t over blocks of time required of a prediction.
 const SURE: f64 = 3.0;
 /// Rank correlation between energy and intensity of the motion that is a relation, and its standard errors.
