@@ -1,9 +1,9 @@
 //! Whether a residual is related to the motion, or noise with a memory.
 //!
 //! A law that acts on the machine makes a residual that the motion predicts, or at least one that is larger where the machine
-//! moves more, or now and then, as gears that ring after a jerk. Noise of a sensor does neither, whatever its spectrum. A sum of functions, one of each angle, rate,
-//! acceleration, coordinate of the platform and predicted torque, is fitted to one part of the data by penalised least
-//! squares [Hastie 1986] and predicts the other.
+//! moves more, or now and then, as gears that ring after a jerk. Noise of a sensor does neither, whatever its spectrum. A sum
+//! of functions, one of each angle, rate, acceleration, coordinate of the platform and predicted torque, is fitted to one
+//! part of the data by penalised least squares [Hastie 1986] and predicts the other.
 
 use nalgebra::{DMatrix, DVector};
 
