@@ -85,8 +85,8 @@ fn above_noise(seen: &Ground, channel: usize) -> ((f64, f64), f64) {
     ((mean(&above), error), mean(&noises))
 }
 
-/// Variance of the mean square over blocks, relative to that of stationary Gaussian noise with the correlation ρ of the
-/// residual: 2σ⁴/n²·Σ ρ²(i − j) over the n² pairs of instants of a block [Isserlis 1918].
+/// Variance of the energy over blocks, relative to the one of stationary Gaussian noise with the covariance c of the residual:
+/// 2·Σ c²(i − j) over the pairs of instants of a block [Isserlis 1918].
 fn burstiness(residual: &[f64]) -> f64 {
     let blocks: Vec<&[f64]> = residual.chunks_exact(BLOCK).collect();
     let covariance = |lag: usize| {
@@ -94,9 +94,8 @@ fn burstiness(residual: &[f64]) -> f64 {
         blocks.iter().map(product).sum::<f64>() / (blocks.len() * (BLOCK - lag)) as f64
     };
     let pairs = |lag: usize| if lag == 0 { BLOCK } else { 2 * (BLOCK - lag) } as f64;
-    let stationary =
-        2.0 * (0..BLOCK).map(|lag| pairs(lag) * covariance(lag).powi(2)).sum::<f64>() / (BLOCK * BLOCK) as f64;
-    let energy: Vec<f64> = blocks.iter().map(|block| block.iter().map(|x| x * x).sum::<f64>() / BLOCK as f64).collect();
+    let stationary = 2.0 * (0..BLOCK).map(|lag| pairs(lag) * covariance(lag).powi(2)).sum::<f64>();
+    let energy = energies(&residual[..blocks.len() * BLOCK]);
     if blocks.len() < 2 { 0.0 } else { deviation(&energy).powi(2) / stationary.max(f64::MIN_POSITIVE) }
 }
 
