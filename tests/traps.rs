@@ -3,8 +3,6 @@
 //!
 //! Measurements are made by inverse dynamics along planned motions, with quantised angles and noise of the torques.
 
-use std::f64::consts::TAU;
-
 use crate::common::{encoded, model, planned};
 use deltatwin::diagnosis::{Diagnosis, Verdict, diagnose};
 use deltatwin::dynamics::{Plant, steady_inverse_dynamics};
@@ -278,27 +276,6 @@ fn a_torque_factor_is_found_over_coarse_angles() {
     let d = diagnose(&nominal(), &[coarse(6.0, 13)], &[coarse(3.0, 14)], &mut |_| {}).expect("a diagnosis");
     println!("{:?} {:?} {:?}", d.verdict, names(&d), d.indistinguishable);
     assert!(names(&d) == ["torque_gain_error"] || set_with(&d, &["torque_gain_error"]), "{:?}", names(&d));
-}
-
-/// Cogging a·sin θ of order 12 of the motor turn on arm 3, 1 N·m, as a controller of 40 Hz reports it, whose lag grows with the
-/// frequency ω of the line: a·(sin θ − u·cos θ)/(1 + u²), u = ω/(2π·40 Hz). To noise models it is noise with a memory.
-#[test]
-#[ignore = "campaign"]
-fn cogging_that_the_controller_follows_at_low_speed_only_is_named() {
-    let robot = robot("torque_bias", &[&[0.0, 0.0, 0.0, 0.0]]);
-    let order = 12.0 * robot.drives[2].gear_ratio;
-    let cogs = |seed: u64| {
-        let plain = measured(&robot, &excitation(seed, 0.6), Payload::default(), 12.0, seed);
-        let mut measured = plain.measured.clone();
-        for (torque, joints) in measured[2].iter_mut().zip(&plain.joints) {
-            let ((s, c), u) = ((order * joints.q[2]).sin_cos(), order * joints.qd[2] / (TAU * 40.0));
-            *torque += (s - u * c) / (1.0 + u * u);
-        }
-        Dataset { measured, ..plain }
-    };
-    let d = diagnose(&nominal(), &[cogs(5)], &[cogs(6)], &mut |_| {}).expect("a diagnosis");
-    println!("{:?} {:?} {:?} {:?}", d.verdict, names(&d), d.indistinguishable, d.effects[0].explained);
-    assert_eq!(names(&d), ["cogging"]);
 }
 
 /// Straight lines between corners of a box of 0.5 m, with stops: acceleration 40 m/s² within 20 ms.
