@@ -222,6 +222,9 @@ fn groups() -> Vec<Group> {
     let mut bent = axis.clone();
     stribeck(&mut bent);
     bent.effects.iter_mut().for_each(|a| a.values.iter_mut().for_each(|v| *v *= 1.5));
+    let on_loaded = Dataset::new(&run("excitation", 4.0, load_dependent).0);
+    let mut rubbing = robot.clone();
+    rubbing.effects.push(ActiveEffect::absent(find("ball_socket_load_dependent").expect("in the catalogue")));
     let smooth = |machine: &mut Model| machine.effects.clear();
     let mut all = vec![
         twin("without friction", "smoke", 0.5, smooth),
@@ -233,6 +236,7 @@ fn groups() -> Vec<Group> {
         twin("a crash", "crash", 0.3, |_| ()),
         identification("an axis whose friction has a shape", &bent, &on_axis),
         identification("the robot as delivered", &robot, &on_robot),
+        identification("the robot with friction that reads the strut forces", &rubbing, &on_loaded),
         diagnosis("an axis with Stribeck friction", &axis, &on_axis),
         diagnosis("the robot with friction in its sockets", &robot, &on_robot),
         design(),

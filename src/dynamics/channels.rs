@@ -77,6 +77,20 @@ impl ChannelMap {
         Ok(())
     }
 
+    /// Adds to the virtual motion of channel number `c` those of `others`, so that its projection becomes the sum with
+    /// `factors` times theirs; nothing acts on the bodies from `bodies` on.
+    pub(crate) fn follow(&mut self, c: usize, others: &Self, factors: &[f64], bodies: usize) {
+        let sign = |channel: &Channel| if channel.drive().is_some() { -1.0 } else { 1.0 };
+        let own = sign(&self.channels[c]);
+        for ((twists, other), factor) in others.twists.iter().zip(&others.channels).zip(factors) {
+            let factor = own * sign(other) * factor;
+            for (twist, other) in self.twists[c][..bodies].iter_mut().zip(twists) {
+                twist.0 += other.0 * factor;
+                twist.1 += other.1 * factor;
+            }
+        }
+    }
+
     /// Inertia of all bodies on the channels' virtual motions, Σ ξᵀ M ξ: of drives their mass matrix, kg·m² or kg.
     ///
     /// # Panics

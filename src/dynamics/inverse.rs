@@ -23,6 +23,9 @@ pub struct Output {
 }
 
 impl Output {
+    /// Without loads.
+    pub const ZERO: Self = Self { tau: [0.0; AXES], reactions: Reactions::ZERO };
+
     /// The value of a drive torque or strut force, N·m or N; zero of other channels.
     pub fn of(&self, channel: Channel) -> f64 {
         match channel {
@@ -31,6 +34,21 @@ impl Output {
             Channel::StrutLower(s) => self.reactions.lower[s],
             _ => 0.0,
         }
+    }
+
+    /// Adds to a drive torque or strut force, N·m or N.
+    pub(crate) fn add(&mut self, channel: Channel, by: f64) {
+        match channel {
+            Channel::Torque(axis) => self.tau[axis] += by,
+            Channel::StrutUpper(s) => self.reactions.upper[s] += by,
+            Channel::StrutLower(s) => self.reactions.lower[s] += by,
+            _ => {}
+        }
+    }
+
+    /// Times a factor.
+    pub(crate) fn scaled(&self, factor: f64) -> Self {
+        Self::from_vector(&(self.vector() * factor))
     }
 
     /// Largest absolute difference of a torque or force from `other`, N·m or N; NaN if one is.
@@ -82,9 +100,71 @@ pub fn inverse_dynamics(
     states: &[&[f64]],
     with_struts: bool,
 ) -> Result<Output, KinematicsError> {
-    let with_struts = with_struts || plant.effects.iter().any(|a| a.effect.spec().reads.reactions);
-    let reduction = Reduction::new(&plant.geometry, motion, plant.assembled, with_struts)?;
-    borne(plant, t, motion, states, loaded_wrenches(plant, t, motion), |wrenches| reduction.balance(wrenches))
+    LoadCourse::default().inverse_dynamics(plant, t, motion, states, with_struts)
+}
+
+/// Loads along a motion, those of a sample near the ones before it.
+#[derive(Default)]
+pub(crate) struct LoadCourse {
+    /// What the laws that depend on loads add to the loads, at the last sample and the one before.
+    last: [Option<SVector<f64, LOADS>>; 2],
+}
+
+impl LoadCourse {
+    /// [`inverse_dynamics`] one sample after the last.
+    pub(crate) fn inverse_dynamics(
+        &mut self,
+        plant: &Plant,
+        t: f64,
+        motion: &Motion,
+        states: &[&[f64]],
+        with_struts: bool,
+    ) -> Result<Output, KinematicsError> {
+        let with_struts = with_struts || plant.effects.iter().any(|a| a.effect.spec().reads.reactions);
+        let reduction = Reduction::new(&plant.geometry, motion, plant.assembled, with_struts)?;
+        let rigid = loaded_wrenches(plant, t, motion);
+        self.borne(plant, (t, motion), states, rigid, |wrenches| reduction.balance(wrenches))
+    }
+
+    /// What the laws are expected to add, from its last two values.
+    fn expected(&self) -> SVector<f64, LOADS> {
+        match self.last {
+            [Some(last), Some(before)] => 2.0 * last - before,
+            [Some(last), None] => last,
+            _ => SVector::zeros(),
+        }
+    }
+
+    /// As [`borne`].
+    fn borne<T: Borne>(
+        &mut self,
+        plant: &Plant,
+        (t, motion): (f64, &Motion),
+        states: &[&[f64]],
+        rigid: [Twist; SLOTS],
+        solve: impl Fn(&[Twist; SLOTS]) -> T,
+    ) -> Result<T, KinematicsError> {
+        let mut fixed = rigid;
+        add_effects(plant, t, motion, states, None, &mut fixed)?;
+        let mut loads = solve(&fixed);
+        if plant.effects.iter().any(reads_loads) {
+            let mut iteration = Anderson::default();
+            let alone = loads.output().vector();
+            let mut at = Output::from_vector(&(alone + self.expected()));
+            for _ in 0..MAX_REACTION_ITERATIONS {
+                let mut next = fixed;
+                add_effects(plant, t, motion, states, Some(&at), &mut next)?;
+                loads = solve(&next);
+                let there = loads.output();
+                if at.change(&there) < CONVERGED {
+                    break;
+                }
+                at = Output::from_vector(&iteration.next(&at.vector(), &there.vector()));
+            }
+            self.last = [Some(loads.output().vector() - alone), self.last[0]];
+        }
+        Ok(loads)
+    }
 }
 
 /// [`inverse_dynamics`] at an instant without a past: the internal states are in equilibrium with the motion.
@@ -167,24 +247,7 @@ pub(crate) fn borne<T: Borne>(
     rigid: [Twist; SLOTS],
     solve: impl Fn(&[Twist; SLOTS]) -> T,
 ) -> Result<T, KinematicsError> {
-    let mut fixed = rigid;
-    add_effects(plant, t, motion, states, None, &mut fixed)?;
-    let mut loads = solve(&fixed);
-    if plant.effects.iter().any(reads_loads) {
-        let mut iteration = Anderson::default();
-        let mut at = loads.output();
-        for _ in 0..MAX_REACTION_ITERATIONS {
-            let mut next = fixed;
-            add_effects(plant, t, motion, states, Some(&at), &mut next)?;
-            loads = solve(&next);
-            let there = loads.output();
-            if at.change(&there) < CONVERGED {
-                break;
-            }
-            at = Output::from_vector(&iteration.next(&at.vector(), &there.vector()));
-        }
-    }
-    Ok(loads)
+    LoadCourse::default().borne(plant, (t, motion), states, rigid, solve)
 }
 
 /// Drive torques and strut forces in balance with wrenches on all bodies, applied minus inertial.
@@ -262,7 +325,7 @@ fn instant<'a>(
 }
 
 /// Error of the loads by fixed-point iteration, N·m or N.
-const CONVERGED: f64 = 1e-11;
+const CONVERGED: f64 = 1e-9;
 
 /// Iterations after which a contraction factor of 1/3 reaches rounding accuracy.
 pub(crate) const MAX_REACTION_ITERATIONS: usize = 30;

@@ -5,6 +5,7 @@
 //! motions (`reduction`).
 
 mod channels;
+mod feedback;
 mod inverse;
 mod newton_euler;
 mod parameters;
@@ -14,9 +15,10 @@ mod reduction;
 
 pub(crate) use channels::STILL;
 pub use channels::{ChannelMap, Twist};
+pub(crate) use feedback::Feedback;
 pub(crate) use inverse::add_regressor;
 pub(crate) use inverse::{
-    Borne, add_effects, balance, ball_forces, borne, loaded_wrenches, reads_loads, rigid_wrenches,
+    Borne, LoadCourse, add_effects, balance, ball_forces, borne, loaded_wrenches, reads_loads, rigid_wrenches,
 };
 pub use inverse::{
     Output, Sample, SocketLoads, inverse_dynamics, regressor, steady_inverse_dynamics, steady_socket_loads,

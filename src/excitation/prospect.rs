@@ -11,8 +11,8 @@ use super::experiments::Experiment;
 use crate::effects::{ActiveEffect, Role};
 use crate::evidence::separation;
 use crate::evidence::whiten::ArFilter;
-use crate::identification::prediction::{Channels, Laws, candidate_columns, own_columns};
-use crate::identification::{Dataset, columns};
+use crate::identification::Dataset;
+use crate::identification::prediction::{Channels, columns_with};
 use crate::kinematics::KinematicsError;
 use crate::model::Model;
 use crate::numerics::{bisect, halvings};
@@ -86,17 +86,15 @@ impl Information {
             }
         };
         let mounted: Vec<ActiveEffect> = effects.iter().filter(|a| plant.has(a.effect.acts_on())).cloned().collect();
-        let all = own_columns(&plant, dataset, 1, Laws::default())?;
-        let own = candidate_columns(&plant, dataset, &mounted, 1, Laws::default())?;
+        // Shape parameters are fitted as well, so their columns are needed.
+        let mut all = columns_with(&plant, dataset, &mounted)?;
+        let own = all.split_off(all.len() - mounted.len());
         let parameters = plant.parameters();
         for k in parameters.free(fixed) {
             keep(parameters[k].name.clone(), parameters.pick(k, &all));
         }
         for (active, own) in mounted.iter().zip(own) {
             let entries = active.entries();
-            // Shape parameters are fitted as well, so their columns are needed.
-            let shaped = entries.iter().any(|e| e.parameter.role == Role::Shape);
-            let own = if shaped { columns(&plant, dataset, Some(active))? } else { own };
             for (entry, column) in entries.iter().zip(&own).filter(|(e, _)| e.parameter.role != Role::Fixed) {
                 keep(entry.full_name(), column);
             }

@@ -90,12 +90,9 @@ impl Arrangement {
         all
     }
 
-    /// Whether it only renames arms: column and angle in the same order, of unchanged sense and zero.
-    pub fn renames_arms(&self, arms: usize) -> bool {
-        self.angle == self.torque
-            && (arms..AXES).all(|i| self.angle[i] == i)
-            && self.sign == Self::PLAIN.sign
-            && self.zero == Self::PLAIN.zero
+    /// Whether it only gives arms other names or zeros: column and angle in the same order, of unchanged sense.
+    pub fn keeps_senses(&self, arms: usize) -> bool {
+        self.angle == self.torque && (arms..AXES).all(|i| self.angle[i] == i) && self.sign == Self::PLAIN.sign
     }
 
     /// Number of deviations from the file's own arrangement.

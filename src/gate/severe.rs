@@ -119,12 +119,15 @@ fn believable(other: &Judgement, plain: Option<&Judgement>, plant: &Plant, insta
 }
 
 /// Whether only offset and friction of the axes and the payload's centre of mass, which a fit determines, speak for other
-/// names of the arms: arms of equal build differ in nothing else, and other names turn the payload.
+/// names or other zeros of a robot's arms: arms of equal build differ in nothing else, other names turn the payload, and
+/// where friction is strong a torque resembles that of many poses.
 fn is_of_a_fit(other: &Judgement, plant: &Plant, instants: &Instants) -> bool {
     let trial = Trial::beyond_friction(plant);
     let cost = |arrangement| trial.judge(instants, arrangement).map(|j| j.cost);
     let costs = || cost(Arrangement::PLAIN).zip(cost(other.arrangement));
-    other.arrangement.renames_arms(plant.mechanism.arms())
+    let is_robot = matches!(plant.mechanism, Mechanism::Delta { .. });
+    is_robot
+        && other.arrangement.keeps_senses(plant.mechanism.arms())
         && costs().is_some_and(|(plain, other)| other >= plain - BETTER.0)
 }
 

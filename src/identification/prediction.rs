@@ -14,19 +14,20 @@ mod states;
 
 use std::borrow::Cow;
 use std::ops::Range;
+use std::sync::OnceLock;
 
 use rayon::prelude::*;
 
 use self::states::InternalStates;
 use super::Dataset;
-use crate::dynamics::{Output, Plant, inverse_dynamics};
+use crate::dynamics::{LoadCourse, Output, Plant, inverse_dynamics, reads_loads};
 use crate::effects::{ActiveEffect, GearSpring, Kind};
 use crate::kinematics::{JointState, KinematicsError, Motion};
 use crate::machine::AXES;
 use crate::recording::Channel;
 use crate::recording::Signals;
 
-pub use columns::{candidate_columns, columns, own_columns, prediction_and_columns};
+pub use columns::{candidate_columns, columns, columns_with, own_columns, prediction_and_columns};
 pub use kept::{KeptColumns, Laws};
 
 /// One series per channel, in the order of the dataset's channels.
@@ -41,18 +42,33 @@ struct Joints<'a> {
     encoders: Cow<'a, [JointState]>,
     /// Columns of the plant's laws that are known along the motion.
     known: Laws,
+    /// Loads along the motion, from the first request on.
+    loads: OnceLock<Loads>,
+    /// Whether the loads that laws read follow the parameters in the columns of all effects, which are then derivatives. Without
+    /// it the column of a law times its value is what the law contributes, at the loads of the plant.
+    follow: bool,
 }
 
 impl<'a> Joints<'a> {
+    fn new(plant: &'a Plant, states: Cow<'a, [JointState]>, encoders: Cow<'a, [JointState]>) -> Self {
+        Self { plant, states, encoders, known: Laws::default(), loads: OnceLock::new(), follow: false }
+    }
+
     /// The joints of a plant whose effects do not change the motion.
     fn of(plant: &'a Plant, dataset: &'a Dataset) -> Self {
         let states = || Cow::Borrowed(dataset.joints.as_slice());
-        Self { plant, states: states(), encoders: states(), known: Laws::default() }
+        Self::new(plant, states(), states())
     }
 
     /// With known columns.
     fn knowing(self, known: Laws) -> Self {
         Self { known, ..self }
+    }
+
+    /// With columns that are derivatives; those known at given loads are not if a law reads loads.
+    fn following(self) -> Self {
+        let known = if self.plant.effects.iter().any(reads_loads) { Laws::default() } else { self.known };
+        Self { known, follow: true, ..self }
     }
 
     /// Sets `motion` to the motion of all bodies at sample `k`; before, it was [`Motion::REST`] or one of the same plant.
@@ -63,14 +79,33 @@ impl<'a> Joints<'a> {
     /// The same motion of another plant.
     fn on<'b>(&'b self, plant: &'b Plant) -> Joints<'b> {
         let (states, encoders) = (Cow::Borrowed(self.states.as_ref()), Cow::Borrowed(self.encoders.as_ref()));
-        Joints { plant, states, encoders, known: Laws::default() }
+        Joints { follow: self.follow, ..Joints::new(plant, states, encoders) }
     }
 
     /// The motion with the encoders at the joints.
     fn of_encoders(&self) -> Joints<'_> {
         let encoders = || Cow::Borrowed(self.encoders.as_ref());
-        Joints { plant: self.plant, states: encoders(), encoders: encoders(), known: Laws::default() }
+        Joints { follow: self.follow, ..Joints::new(self.plant, encoders(), encoders()) }
     }
+
+    /// Loads of the plant, for laws that depend on them.
+    fn loads(&self, dataset: &Dataset) -> Result<&Loads, KinematicsError> {
+        if let Some(known) = self.loads.get() {
+            return Ok(known);
+        }
+        let effects: Vec<&ActiveEffect> = self.plant.effects.iter().collect();
+        let states = InternalStates::along(self.plant, &effects, dataset, self)?;
+        let of_samples = outputs(self.plant, &states, dataset, self, true)?;
+        Ok(self.loads.get_or_init(|| Loads { of_samples, states }))
+    }
+}
+
+/// Loads of a plant along a motion.
+struct Loads {
+    /// Drive torques and strut forces at every sample.
+    of_samples: Vec<Output>,
+    /// Internal states of the plant's effects.
+    states: InternalStates,
 }
 
 /// Whether a prediction at one sample depends only on nearby samples (see `reach`); internal states and elastic gears
@@ -157,7 +192,7 @@ fn joints<'a>(plant: &'a Plant, dataset: &'a Dataset) -> Result<Joints<'a>, Kine
         true => Cow::Owned(dataset.joints.iter().map(|j| plant.behind_encoders(j)).collect()),
         false => Cow::Borrowed(dataset.joints.as_slice()),
     };
-    let rigid = Joints { plant, encoders: states.clone(), states, known: Laws::default() };
+    let rigid = Joints::new(plant, states.clone(), states);
     match gear_springs(plant) {
         Some(gears) => gears::deflected(dataset, &rigid, &gears),
         None => Ok(rigid),
@@ -179,38 +214,64 @@ fn ideal(plant: &Plant, dataset: &Dataset, joints: &Joints) -> Result<Channels, 
     if let Some(sum) = joints.known.sum(plant, dataset.len()) {
         return Ok(sum);
     }
-    let gears = gear_springs(plant).unwrap_or_default();
+    let with_struts = dataset.channels.iter().any(|c| c.drive().is_none());
+    let springs = gear_springs(plant);
+    if springs.is_none() && plant.effects.iter().any(reads_loads) {
+        // The columns of laws that depend on loads use them again.
+        return Ok(channels(dataset, &joints.loads(dataset)?.of_samples));
+    }
+    let gears = springs.unwrap_or_default();
     let behind = gears::behind(plant, &gears);
     let effects: Vec<&ActiveEffect> = behind.effects.iter().collect();
     let own = InternalStates::along(&behind, &effects, dataset, joints)?;
-    let with_struts = dataset.channels.iter().any(|c| c.drive().is_none());
-    let mut outputs: Vec<Output> = (0..dataset.len())
-        .into_par_iter()
-        .map_init(
-            || Motion::REST,
-            |motion, k| {
-                joints.set_motion(k, motion)?;
-                let out = inverse_dynamics(&behind, dataset.t[k], motion, &own.at(k), with_struts);
-                let mut out = out.map_err(|e| e.at_sample(k))?;
-                for (i, gear) in gears.iter().enumerate() {
-                    // The rotor moves with the encoder, not with the arm.
-                    out.tau[i] += gear.rotor_inertia * (joints.encoders[k].qdd[i] - joints.states[k].qdd[i]);
-                }
-                Ok(out)
-            },
-        )
-        // The error of the first failing sample, independent of the threads.
-        .collect::<Vec<Result<_, KinematicsError>>>()
-        .into_iter()
-        .collect::<Result<_, _>>()?;
+    let mut outputs = outputs(&behind, &own, dataset, joints, with_struts)?;
+    for (k, out) in outputs.iter_mut().enumerate() {
+        for (i, gear) in gears.iter().enumerate() {
+            // The rotor moves with the encoder, not with the arm.
+            out.tau[i] += gear.rotor_inertia * (joints.encoders[k].qdd[i] - joints.states[k].qdd[i]);
+        }
+    }
     if gears.iter().any(|g| g.friction_at_motor) {
         for (out, friction) in outputs.iter_mut().zip(at_motors(plant, &behind, &own, dataset, joints)?) {
             out.tau.iter_mut().zip(friction).for_each(|(tau, f)| *tau += f);
         }
     }
-    let series: Channels =
-        dataset.channels.iter().map(|channel| outputs.iter().map(|o| o.of(*channel)).collect()).collect();
-    Ok(series)
+    Ok(channels(dataset, &outputs))
+}
+
+/// The values of the dataset's channels.
+fn channels(dataset: &Dataset, outputs: &[Output]) -> Channels {
+    dataset.channels.iter().map(|channel| outputs.iter().map(|o| o.of(*channel)).collect()).collect()
+}
+
+/// Number of samples whose loads follow from each other.
+const COURSE: usize = 64;
+
+/// Inverse dynamics of a plant with the internal states `own` along the motion of the joints.
+fn outputs(
+    plant: &Plant,
+    own: &InternalStates,
+    dataset: &Dataset,
+    joints: &Joints,
+    with_struts: bool,
+) -> Result<Vec<Output>, KinematicsError> {
+    let along = |course: &[usize]| {
+        let (mut motion, mut loads) = (Motion::REST, LoadCourse::default());
+        let at = |&k: &usize| {
+            joints.set_motion(k, &mut motion)?;
+            let out = loads.inverse_dynamics(plant, dataset.t[k], &motion, &own.at(k), with_struts);
+            out.map_err(|e| e.at_sample(k))
+        };
+        course.iter().map(at).collect::<Result<Vec<_>, _>>()
+    };
+    let samples: Vec<usize> = (0..dataset.len()).collect();
+    // The error of the first failing sample, independent of the threads.
+    let courses: Vec<Result<Vec<Output>, KinematicsError>> = samples.par_chunks(COURSE).map(along).collect();
+    let mut outputs = Vec::with_capacity(dataset.len());
+    for course in courses {
+        outputs.extend(course?);
+    }
+    Ok(outputs)
 }
 
 /// Torques of the effects on the motor side at every sample: their contribution at the encoders' motion.

@@ -71,7 +71,7 @@ pub fn columns(
         Some(active) => vec![Wanted { active, is_candidate: true, shapes: true }],
         None => Wanted::own(plant, &rigid),
     };
-    Ok(along(dataset, &Moved::new(joints(plant, dataset)?), &wanted, 1)?.into_iter().flatten().collect())
+    Ok(along(dataset, &Moved::new(joints(plant, dataset)?.following()), &wanted, 1)?.into_iter().flatten().collect())
 }
 
 /// Predicted channels of a plant along a dataset, and their derivatives with respect to all its parameters; `known` are
@@ -86,7 +86,7 @@ pub fn prediction_and_columns(
 ) -> Result<(Channels, Vec<Channels>), KinematicsError> {
     let joints = joints(plant, dataset)?;
     let known = known.completed(dataset, &joints)?;
-    let moved = Moved::new(joints.knowing(known));
+    let moved = Moved::new(joints.knowing(known).following());
     let rigid = plant.rigid_bodies();
     let columns = along(dataset, &moved, &Wanted::own(plant, &rigid), 1)?.into_iter().flatten().collect();
     let mut predicted = moved.into_unobserved(dataset)?;
@@ -95,7 +95,8 @@ pub fn prediction_and_columns(
 }
 
 /// Columns of all parameters of a plant, `[effect][parameter][channel][block]`, averaged over `block` samples; the first
-/// effect is `rigid_bodies`. `known` are columns of the plant's laws in the dataset.
+/// effect is `rigid_bodies`. `known` are columns of the plant's laws in the dataset. Laws that depend on loads take those of the
+/// plant: the columns of a law times its values are its contribution, not derivatives.
 ///
 /// # Errors
 /// As [`columns`].
@@ -106,6 +107,22 @@ pub fn own_columns(
     known: Laws,
 ) -> Result<Vec<Vec<Channels>>, KinematicsError> {
     averaged(plant, dataset, &Wanted::own(plant, &plant.rigid_bodies()), block, known)
+}
+
+/// Columns of all parameters of a plant, as [`own_columns`] at every sample, followed by those of candidates as if each were
+/// in the plant with the values it has.
+///
+/// # Errors
+/// As [`columns`].
+pub fn columns_with(
+    plant: &Plant,
+    dataset: &Dataset,
+    candidates: &[ActiveEffect],
+) -> Result<Vec<Vec<Channels>>, KinematicsError> {
+    let rigid = plant.rigid_bodies();
+    let mut wanted = Wanted::own(plant, &rigid);
+    wanted.extend(candidates.iter().map(|active| Wanted { active, is_candidate: true, shapes: true }));
+    averaged(plant, dataset, &wanted, 1, Laws::default())
 }
 
 /// Columns of the linear parameters of candidates, as [`own_columns`], as if each were in the plant with the values it has;

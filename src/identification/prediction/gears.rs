@@ -22,7 +22,7 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 use super::states::InternalStates;
-use super::{Channels, Joints, Laws};
+use super::{Channels, Joints};
 use crate::dynamics::{Plant, inverse_dynamics};
 use crate::effects::{ActiveEffect, GearSpring, Kind};
 use crate::identification::Dataset;
@@ -72,7 +72,7 @@ pub(super) fn deflected<'a>(
     for segment in &dataset.segments {
         arms.along(segment.clone(), &mut states)?;
     }
-    Ok(Joints { plant: rigid.plant, states: states.into(), encoders: encoders.into(), known: Laws::default() })
+    Ok(Joints::new(rigid.plant, states.into(), encoders.into()))
 }
 
 /// Motion of the encoders without offsets and periodic errors, of the arms including the ringing.

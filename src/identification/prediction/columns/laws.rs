@@ -5,7 +5,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::{Channels, InternalStates, Joints, Moved, means, middle, observe};
-use crate::dynamics::{ChannelMap, Output, Plant, Sample, add_regressor, inverse_dynamics};
+use crate::dynamics::{ChannelMap, Feedback, Output, Plant, Sample, add_regressor, reads_loads};
 use crate::effects::{ActiveEffect, Kind, Part, Spec};
 use crate::identification::Dataset;
 use crate::kinematics::{KinematicsError, Motion};
@@ -43,11 +43,13 @@ pub(in super::super) fn terms(
 ) -> Result<Vec<Vec<Channels>>, KinematicsError> {
     let plant = joints.plant;
     let (on_drives, others): (Vec<_>, Vec<_>) = effects.iter().partition(|a| plant.assembled && is_on_drives(a));
-    if on_drives.is_empty() {
+    // Laws that follow a drive torque act on other channels, too.
+    let follow_torques = joints.follow && plant.effects.iter().any(|a| a.effect.spec().reads.torque);
+    if on_drives.is_empty() || follow_torques {
         return terms_of(effects, dataset, joints, block);
     }
     // A torque of a drive does work in the virtual motion of its own channel alone, with the linkage or without.
-    let lone = Plant { assembled: false, ..plant.clone() };
+    let lone = Plant { assembled: false, effects: Vec::new(), ..plant.clone() };
     let mut on_drives = terms_of(&on_drives, dataset, &joints.on(&lone), block)?.into_iter();
     let mut others = terms_of(&others, dataset, joints, block)?.into_iter();
     let of = |a: &&ActiveEffect| if is_on_drives(a) { on_drives.next() } else { others.next() };
@@ -60,6 +62,9 @@ fn is_on_drives(active: &ActiveEffect) -> bool {
     let is_law = *kind == Kind::Force && !reads.inertia && !reads.torque && !reads.reactions;
     is_law && !active.states_read_reactions() && matches!(acts_on, Part::Drives | Part::Axis4 | Part::FourthDrive)
 }
+
+/// Loads for laws that do not depend on them.
+static UNLOADED: Output = Output::ZERO;
 
 /// [`terms`] on the plant of `joints`.
 fn terms_of(
@@ -76,26 +81,28 @@ fn terms_of(
         return Ok(widths.iter().map(|width| vec![Channels::new(); *width]).collect());
     }
     let states = InternalStates::along(plant, effects, dataset, joints)?;
-    let reads_reactions = effects.iter().any(|a| a.effect.spec().reads.reactions);
-    let reads = reads_reactions || effects.iter().any(|a| a.effect.spec().reads.torque);
-    let plant_effects: Vec<&ActiveEffect> = plant.effects.iter().filter(|_| reads).collect();
-    let plant_states = InternalStates::along(plant, &plant_effects, dataset, joints)?;
+    let follow = joints.follow && plant.effects.iter().any(reads_loads);
+    let loads = match follow || effects.iter().any(|a| reads_loads(a)) {
+        true => Some(joints.loads(dataset)?),
+        false => None,
+    };
     let blocks: Vec<Range<usize>> = dataset.blocks(block).collect();
-    let sum = |range: &Range<usize>, (motion, map): &mut (Motion, ChannelMap), out: &mut [f64]| {
+    let sum = |range: &Range<usize>,
+               (motion, map, feedback): &mut (Motion, ChannelMap, Option<Feedback>),
+               out: &mut [f64]| {
         for k in range.clone() {
             joints.set_motion(k, motion)?;
-            let loads = if reads {
-                inverse_dynamics(plant, dataset.t[k], motion, &plant_states.at(k), reads_reactions)
-                    .map_err(|e| e.at_sample(k))?
-            } else {
-                Output::default()
-            };
             map.set(&plant.geometry, motion, plant.assembled)?;
+            let of_sample = loads.map_or(&UNLOADED, |loads| &loads.of_samples[k]);
+            if let (Some(feedback), Some(loads)) = (feedback.as_mut(), loads) {
+                let at = (dataset.t[k], &*motion);
+                feedback.add_to(map, plant, at, &loads.states.at(k), of_sample).map_err(|e| e.at_sample(k))?;
+            }
             let mut at = 0;
             for (i, (active, width)) in effects.iter().zip(&widths).enumerate() {
                 let state = states.of(k, i);
                 let rows = &mut out[at * channels..(at + width) * channels];
-                let sample = Sample { t: dataset.t[k], motion, loads: &loads };
+                let sample = Sample { t: dataset.t[k], motion, loads: of_sample };
                 add_regressor(plant, active, &sample, state, map, rows).map_err(|e| e.at_sample(k))?;
                 at += width;
             }
@@ -106,7 +113,8 @@ fn terms_of(
     let chunks: Vec<Vec<f64>> = blocks
         .par_chunks(CHUNK)
         .map(|chunk| {
-            let mut there = (Motion::REST, ChannelMap::without_motion(&dataset.channels));
+            let map = ChannelMap::without_motion(&dataset.channels);
+            let mut there = (Motion::REST, map, if follow { Feedback::of(plant) } else { None });
             let mut rows = vec![0.0; chunk.len() * total * channels];
             for (range, row) in chunk.iter().zip(rows.chunks_exact_mut(total * channels)) {
                 sum(range, &mut there, row)?;
@@ -162,11 +170,45 @@ fn see(dataset: &Dataset, moved: &Moved, block: usize, columns: &mut [Vec<Channe
 mod tests {
     use std::sync::Arc;
 
-    use super::super::joints;
     use super::super::tests::dataset;
+    use super::super::{columns, joints, predict, slope};
     use super::*;
-    use crate::effects::REGISTRY;
+    use crate::dynamics::set_parameters;
+    use crate::effects::{REGISTRY, Role};
     use crate::model::testing::irb360;
+
+    /// Columns of all linear parameters are the derivatives of the prediction, by differences across its values, where laws
+    /// depend on strut forces or torques that the parameters change.
+    #[test]
+    fn columns_follow_the_loads_that_laws_read() {
+        let (mut model, dataset) = (irb360(), dataset());
+        for name in ["ball_socket_load_dependent", "gear_efficiency"] {
+            let effect = crate::effects::find(name).unwrap();
+            model.effects.push(ActiveEffect::absent_on(effect, model.host()).at_nominal_size());
+        }
+        let plant = Plant::new(&model, &dataset.setup);
+        let found = columns(&plant, &dataset, None).unwrap();
+        let parameters = plant.parameters();
+        let there = |k: usize, by: f64| {
+            let mut values = parameters.values();
+            values[k] += by;
+            let mut model = model.clone();
+            set_parameters(&mut model, &values);
+            predict(&Plant::new(&model, &dataset.setup), &dataset).unwrap()
+        };
+        let linear = |k: &usize| parameters[*k].role == Role::Linear && found[*k].iter().flatten().any(|x| *x != 0.0);
+        for k in (0..parameters.len()).filter(linear) {
+            let step = 1e-4 * parameters[k].value.abs().max(1e-3);
+            let expected = slope(&there(k, step), &there(k, -step), 2.0 * step);
+            let (mut apart, mut size) = (0.0, 0.0);
+            for (x, y) in found[k].iter().flatten().zip(expected.iter().flatten()) {
+                apart += (x - y) * (x - y);
+                size += y * y;
+            }
+            let (apart, size) = (f64::sqrt(apart), f64::sqrt(size));
+            assert!(apart < 1e-4 * size + 1e-9, "{}: {apart:.1e} of {size:.1e}", parameters[k].name);
+        }
+    }
 
     /// Laws on the drives have the columns that follow from the motion of the whole linkage, strut forces included.
     #[test]
