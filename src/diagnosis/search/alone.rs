@@ -1,9 +1,10 @@
-//! The effect that explains most alone, where something is missing and no effect is significant.
+//! The effect that explains most alone, where something is missing and no effect is significant, or one leaves it open.
 //!
 //! Few blocks of time, or parameters of the model that imitate an effect, leave its p value large and its usual size
 //! invisible. That something is missing is clear nevertheless where the error exceeds the noise in both the fitted and the
 //! validation data, and an effect that explains most of it there is a better answer than none. So is cogging where both have
-//! the same line over the angle of a motor, which is noise with a memory to the whitened ranking.
+//! the same line over the angle of a motor, which is noise with a memory to the whitened ranking. And where the first of
+//! several effects that promise as much leaves more than noise, another one may leave none.
 
 use super::Search;
 use super::standing::Standing;
@@ -24,24 +25,29 @@ const EXPLAINED: f64 = 0.7;
 const BY_LINES: f64 = 0.3;
 
 impl Search<'_> {
-    /// The effect that explains most alone, if `standing` names nothing and leaves more than noise.
+    /// The effect that explains most alone, if `standing` names one at most and leaves more than noise.
     pub(super) fn or_alone(
         &self,
         standing: Standing,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Standing, DiagnosisError> {
         let judge = self.judge;
-        let is_open = standing.outcome.findings.is_empty() && standing.not_tried.is_empty();
-        if !is_open || self.settings.max_steps == 0 || judge.fitting.is_late() || !judge.leaves_more(&standing.end) {
+        let named: Vec<usize> = standing.outcome.findings.iter().map(|f| f.chosen.candidate).collect();
+        // An effect that does not follow the validation data alone may stand for another one.
+        let is_open = match named[..] {
+            [] => judge.leaves_more(&standing.end),
+            [_] => judge.is_more_than_noise(standing.end.rms()),
+            _ => false,
+        };
+        if !is_open || !standing.not_tried.is_empty() || self.settings.max_steps == 0 || judge.fitting.is_late() {
             return Ok(standing);
         }
         let above = |judged: &Judged| self.above(relative_energy(judged.rms(), &judge.floor));
         let before = above(&standing.end);
-        let lines = self.lines(&standing.end).map(|chosen| (chosen, BY_LINES));
+        let lines = if named.is_empty() { self.lines(&standing.end) } else { None }.map(|chosen| (chosen, BY_LINES));
         let mut best: Option<(f64, Chosen, Judged)> = None;
-        for (chosen, least) in
-            lines.into_iter().chain(self.most_promising().into_iter().map(|chosen| (chosen, EXPLAINED)))
-        {
+        let promising = self.most_promising().into_iter().map(|chosen| (chosen, EXPLAINED));
+        for (chosen, least) in lines.into_iter().chain(promising).filter(|(c, _)| !named.contains(&c.candidate)) {
             progress(Progress::Step(&format!("refit with {} alone", self.shape(&chosen).effect.name())));
             // An effect with which no machine can be fitted is left out.
             let Ok(fitted) = self.refit(&[chosen], self.all.as_ref()) else { continue };
