@@ -99,15 +99,17 @@ impl Conclusion {
     }
 
     /// Where neither a known effect nor a formula explains what is left and it is not related to the motion, it is noise: the
-    /// names stand without it, or nothing is missing.
+    /// names stand without it, or nothing is missing. Nor is what parameters leave that the fitted recordings do not determine.
     ///
     /// # Errors
     /// If a pose is impossible for the model.
     pub fn weigh_the_rest(&mut self, judge: &Judge) -> Result<(), FitError> {
         let leaves_more = self.left > LEAVES_MORE || self.verdict == Verdict::Unknown;
         let is_open = self.is_more_than_noise && leaves_more && self.unexplained.is_none();
-        self.leaves_noise = is_open && !unknown::is_related(&self.end, judge)?;
-        if self.leaves_noise && self.verdict == Verdict::Unknown {
+        let is_extrapolated = is_open && judge.is_extrapolated(&self.end);
+        self.leaves_noise = is_open && !is_extrapolated && !unknown::is_related(&self.end, judge)?;
+        let is_no_law = self.leaves_noise || (is_extrapolated && self.effects.is_empty());
+        if is_no_law && self.verdict == Verdict::Unknown {
             self.verdict = verdict_of_names(self.effects.len(), !self.indistinguishable.is_empty());
         }
         Ok(())

@@ -57,6 +57,9 @@ impl Judged {
     }
 }
 
+/// Ratio of held-out to fitted residuals, both in units of the noise, from which the parameters do not suit the motion held out.
+const EXTRAPOLATED: f64 = 10.0;
+
 /// Data for the search of effects and data for their validation.
 pub(super) struct Judge<'a> {
     pub fitting: &'a Fitting<'a>,
@@ -85,6 +88,16 @@ impl<'a> Judge<'a> {
     /// Whether the residuals on the validation data clearly exceed the noise of some channel.
     pub fn is_more_than_noise(&self, rms: &[f64]) -> bool {
         rms.iter().zip(&self.floor).any(|(r, floor)| r / floor.max(f64::MIN_POSITIVE) > UNEXPLAINED)
+    }
+
+    /// Whether the validation data leave many times the noise where the recordings fitted to leave little: parameters have the
+    /// values that suit a motion that hardly depends on them.
+    pub fn is_extrapolated(&self, judged: &Judged) -> bool {
+        let fitted = judged.fit.residuals.rms.iter().zip(&self.fitting.noise.pooled);
+        let held_out = judged.rms().iter().zip(&self.floor);
+        held_out
+            .zip(fitted)
+            .any(|((held_out, floor), (own, noise))| held_out / floor > EXTRAPOLATED * (own / noise).max(1.0))
     }
 
     /// Whether an effect changes the RMS residual of some channel on the validation data enough to be named.

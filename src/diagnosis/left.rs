@@ -20,6 +20,8 @@ pub struct Left {
     pub beside: bool,
     /// Whether it is not related to the motion: noise with a memory, of which the floor contains a part.
     pub is_noise: bool,
+    /// Whether it is that of parameters that the recordings fitted to do not determine for the motion of the validation data.
+    pub is_extrapolated: bool,
     /// Description of the residual where it exceeds the noise and has no formula.
     pub sight: Option<Rest>,
     /// Strongest patterns of the channels whose ratio exceeds 1.3 and that have no formula, largest share
@@ -49,6 +51,7 @@ impl Left {
         let mut left =
             Self::new(conclusion.end.rms(), &judge.floor, !conclusion.effects.is_empty(), conclusion.verdict);
         left.is_noise = conclusion.leaves_noise;
+        left.is_extrapolated = judge.is_extrapolated(&conclusion.end);
         if left.is_more_than_noise() && conclusion.unexplained.is_none() && !left.is_noise {
             let worst = left.channels(&judge.data()[0].channels);
             left.sight = match worst.iter().find_map(|(channel, _)| channel.drive()) {
@@ -64,7 +67,7 @@ impl Left {
         let ratios: Vec<f64> = rms.iter().zip(floor).map(|(r, f)| r / f.max(f64::MIN_POSITIVE)).collect();
         let above = ratios.iter().any(|r| *r > UNEXPLAINED);
         let beside = named && (above || verdict == Verdict::Unknown);
-        Self { ratios, beside, is_noise: false, sight: None, patterns: Vec::new() }
+        Self { ratios, beside, is_noise: false, is_extrapolated: false, sight: None, patterns: Vec::new() }
     }
 
     /// Largest ratio; 1 is pure noise.

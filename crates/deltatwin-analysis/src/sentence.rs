@@ -10,6 +10,10 @@ pub fn verdict(d: &Diagnosis) -> String {
     let all = |effects: &[&Named]| effects.iter().map(|e| described(d, e)).collect::<Vec<_>>().join("; and ");
     let effects: Vec<&Named> = d.effects.iter().collect();
     let first = match (d.verdict, effects.len()) {
+        (Verdict::None, _) if d.left.is_extrapolated => {
+            "The recordings fitted to do not determine the model for the motion held out: fit one as wide and as fast"
+                .to_string()
+        }
         (Verdict::None, _) => "Nothing is missing that these data show".to_string(),
         (Verdict::Effect, _) => format!("One effect is missing: {}", all(&effects)),
         (Verdict::Several, n) => format!("{n} effects are missing: {}", all(&effects)),
