@@ -57,7 +57,7 @@ impl Judged {
     }
 }
 
-/// Ratio of held-out to fitted residuals, both in units of the noise, from which the parameters do not suit the motion held out.
+/// Ratio of held-out to fitted residuals, both in units of the noise, from which the fitted motion counts as too small.
 const EXTRAPOLATED: f64 = 10.0;
 
 /// Data for the search of effects and data for their validation.
@@ -90,8 +90,8 @@ impl<'a> Judge<'a> {
         rms.iter().zip(&self.floor).any(|(r, floor)| r / floor.max(f64::MIN_POSITIVE) > UNEXPLAINED)
     }
 
-    /// Whether the validation data leave many times the noise where the recordings fitted to leave little: parameters have the
-    /// values that suit a motion that hardly depends on them.
+    /// Whether the validation data leave many times the noise and the fitted recordings do not: the fitted motion does not
+    /// determine parameters on which the other one depends.
     pub fn is_extrapolated(&self, judged: &Judged) -> bool {
         let fitted = judged.fit.residuals.rms.iter().zip(&self.fitting.noise.pooled);
         let held_out = judged.rms().iter().zip(&self.floor);

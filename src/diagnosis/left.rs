@@ -20,7 +20,7 @@ pub struct Left {
     pub beside: bool,
     /// Whether it is not related to the motion: noise with a memory, of which the floor contains a part.
     pub is_noise: bool,
-    /// Whether it is that of parameters that the recordings fitted to do not determine for the motion of the validation data.
+    /// Whether the validation data depend on parameters that the fitted recordings do not determine.
     pub is_extrapolated: bool,
     /// Description of the residual where it exceeds the noise and has no formula.
     pub sight: Option<Rest>,

@@ -95,8 +95,8 @@ pub fn prediction_and_columns(
 }
 
 /// Columns of all parameters of a plant, `[effect][parameter][channel][block]`, averaged over `block` samples; the first
-/// effect is `rigid_bodies`. `known` are columns of the plant's laws in the dataset. Laws that depend on loads take those of the
-/// plant: the columns of a law times its values are its contribution, not derivatives.
+/// effect is `rigid_bodies`. `known` are columns of the plant's laws in the dataset. The loads that
+/// laws read are those of the plant: columns times values are the contribution of a law, not derivatives.
 ///
 /// # Errors
 /// As [`columns`].
