@@ -16,6 +16,7 @@ use deltatwin::identification::{Dataset, Method};
 use deltatwin::kinematics::{JointState, Motion, SocketSet};
 use deltatwin::machine::Setup;
 use deltatwin::machine::bodies::SLOTS;
+use deltatwin::model::Model;
 use deltatwin::recording::Channel;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin::twin::maximal::MaximalCoordinates;
@@ -159,17 +160,23 @@ fn maximal(c: &mut Criterion) {
 
 /// The whole closed loop: 2.5 kHz control, all frictions, encoders, noise, recording in memory.
 fn closed_loop(c: &mut Criterion) {
-    let robot = common::model("irb360-6-1600-truth");
-    let believed = Plant::new(&common::model("irb360-6-1600"), &Setup::default());
-    let limits = MotionLimits::of(&robot, 0.8);
-    let motion = FourierMotion::random(&believed, &limits, 0.1, 10, &mut ChaCha8Rng::seed_from_u64(1));
-    let options = Options { duration: 1.0, ..Options::default() };
-    let run = || {
-        simulate(&robot, &Setup::default(), &believed, &|t| motion.at(t), &options, &mut |_| true).expect("feasible")
-    };
     let mut group = c.benchmark_group("closed loop");
     group.sample_size(20);
-    group.bench_function("one second", |b| b.iter(run));
+    let options = Options { duration: 1.0, ..Options::default() };
+    let loop_of = |robot: Model, believed: &Model| {
+        let believed = Plant::new(believed, &Setup::default());
+        let limits = MotionLimits::of(&robot, 0.8);
+        let motion = FourierMotion::random(&believed, &limits, 0.1, 10, &mut ChaCha8Rng::seed_from_u64(1));
+        let options = options.clone();
+        move || {
+            simulate(&robot, &Setup::default(), &believed, &|t| motion.at(t), &options, &mut |_| true)
+                .expect("feasible")
+        }
+    };
+    let run = loop_of(common::model("irb360-6-1600-truth"), &common::model("irb360-6-1600"));
+    group.bench_function("one second", |b| b.iter(&run));
+    let four = loop_of(common::model("par4"), &common::model("par4"));
+    group.bench_function("one second (par4)", |b| b.iter(&four));
     let cores = rayon::current_num_threads();
     group.bench_function(format!("{} runs of one second on {cores} cores", 4 * cores), |b| {
         b.iter(|| (0..4 * cores).into_par_iter().map(|_| run().1.steps).sum::<usize>())

@@ -7,8 +7,9 @@
 use nalgebra::{Matrix4, Matrix6, Matrix6x3, Vector3, Vector6};
 
 use super::plate::PlateMotions;
-use crate::kinematics::{KinematicsError, Motion};
+use crate::kinematics::{Closed, KinematicsError, Motion};
 use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, strut};
+use crate::machine::plate::{MAX_PARTS, PartPlace};
 use crate::machine::{Bodies, Geometry, Inertia, MAX_LIMBS, STRUTS};
 use crate::recording::Channel;
 
@@ -55,15 +56,16 @@ impl ChannelMap {
     /// [`KinematicsError::Singular`] if the Jacobian or, with strut forces among the channels, the matrix of the strut
     /// lines is singular.
     pub(crate) fn set(&mut self, geometry: &Geometry, motion: &Motion, assembled: bool) -> Result<(), KinematicsError> {
-        let plate = match assembled && !geometry.has_platform_of_three() {
-            true => Some(PlateMotions::new(geometry, motion)?),
-            false => None,
-        };
         let with_struts = !self.channels.iter().all(|c| c.drive().is_some());
-        let three = if assembled && plate.is_none() { Some(Three::new(geometry, motion, with_struts)?) } else { None };
+        let (mut plate, mut three) = (None, None);
+        match (assembled, geometry.has_platform_of_three()) {
+            (true, true) => three = Some(Three::new(geometry, motion, with_struts)?),
+            (true, false) => plate = Some(AnyPlate::new(geometry, motion, with_struts)?),
+            (false, _) => {}
+        }
         for (xi, &channel) in self.twists.iter_mut().zip(&self.channels) {
             match (&plate, &three) {
-                (Some(plate), _) => *xi = of_plate(motion, plate, channel),
+                (Some(plate), _) => plate.set_twists(motion, channel, xi),
                 (None, Some(three)) => three.set_twists(motion, channel, xi),
                 (None, None) => {
                     let (arms, rotor) = drives(channel, motion.limbs);
@@ -91,6 +93,17 @@ impl ChannelMap {
         }
     }
 
+    /// Adds the accelerations of the bodies at the second derivatives `rates` of the channels' coordinates to a motion without them.
+    pub(crate) fn accelerate(&self, motion: &mut Motion, rates: &[f64]) {
+        let bodies = motion.slots();
+        for (twists, rate) in self.twists.iter().zip(rates) {
+            for (body, (linear, angular)) in motion.bodies[..bodies].iter_mut().zip(twists) {
+                body.acceleration += linear * *rate;
+                body.angular_acceleration += angular * *rate;
+            }
+        }
+    }
+
     /// Inertia of all bodies on the channels' virtual motions, Σ ξᵀ M ξ: of drives their mass matrix, kg·m² or kg.
     ///
     /// # Panics
@@ -99,16 +112,13 @@ impl ChannelMap {
         let mut out = Matrix4::zeros();
         for (body, inertia) in bodies.0.iter().enumerate().filter(|(_, inertia)| **inertia != Inertia::ZERO) {
             let rotation = &motion.bodies[body].rotation;
-            let own = |c: usize| {
-                let (v, omega) = &self.twists[c][body];
-                (rotation.tr_mul(v), rotation.tr_mul(omega))
-            };
-            for d in 0..self.twists.len() {
-                let (v, omega) = own(d);
+            let mut own = [STILL; 4];
+            for (d, twists) in self.twists.iter().enumerate().filter(|(_, twists)| twists[body] != STILL) {
+                let (v, omega) = (rotation.tr_mul(&twists[body].0), rotation.tr_mul(&twists[body].1));
+                own[d] = (v, omega);
                 let linear = v * inertia.mass + omega.cross(&inertia.first_moment);
                 let angular = inertia.first_moment.cross(&v) + inertia.tensor * omega;
-                for c in 0..=d {
-                    let (v, omega) = own(c);
+                for (c, (v, omega)) in own[..=d].iter().enumerate() {
                     out[(c, d)] += v.dot(&linear) + omega.dot(&angular);
                 }
             }
@@ -182,17 +192,44 @@ fn twist(column: Vector6<f64>) -> Twist {
     (column.fixed_rows::<3>(0).into_owned(), column.fixed_rows::<3>(3).into_owned())
 }
 
-fn of_plate(motion: &Motion, plate: &PlateMotions, channel: Channel) -> [Twist; SLOTS] {
-    let (mut arms, rotor) = drives(channel, motion.driven);
-    let mut xi = [STILL; SLOTS];
-    match channel {
-        Channel::Torque(axis) if axis < motion.driven => plate.spread(&plate.driven(axis), &mut arms, &mut xi),
-        Channel::StrutUpper(s) | Channel::StrutLower(s) => plate.spread(&plate.gap(s), &mut arms, &mut xi),
-        _ => {}
+/// Virtual motions of any plate: per arm rate, and per unit gap.
+struct AnyPlate {
+    rates: [Closed; MAX_LIMBS],
+    parts: [PartPlace; MAX_PARTS],
+    bodies: &'static [usize],
+    gaps: Option<PlateMotions>,
+}
+
+impl AnyPlate {
+    fn new(geometry: &Geometry, motion: &Motion, with_struts: bool) -> Result<Self, KinematicsError> {
+        let psi = motion.plate_angle();
+        Ok(Self {
+            rates: geometry.rates_per_drive(motion)?,
+            parts: std::array::from_fn(|k| geometry.plate.part(k).at(psi)),
+            bodies: geometry.plate.bodies(),
+            gaps: if with_struts { Some(PlateMotions::new(geometry, motion)?) } else { None },
+        })
     }
-    set_drives(&mut xi, motion, &arms, rotor);
-    spread_struts(motion, &mut xi);
-    xi
+
+    fn set_twists(&self, motion: &Motion, channel: Channel, xi: &mut [Twist; SLOTS]) {
+        let (mut arms, rotor) = drives(channel, motion.driven);
+        match (channel, &self.gaps) {
+            (Channel::Torque(axis), _) if axis < motion.driven => {
+                let Closed { position: velocity, psi, passive } = self.rates[axis];
+                arms[motion.driven..motion.limbs].fill(passive);
+                for (&body, part) in self.bodies.iter().zip(&self.parts) {
+                    xi[body] = (velocity + part.slope * psi, Vector3::z() * (part.turning * psi));
+                }
+            }
+            (Channel::StrutUpper(s) | Channel::StrutLower(s), Some(gaps)) => gaps.spread(&gaps.gap(s), &mut arms, xi),
+            _ => self.bodies.iter().for_each(|&body| xi[body] = STILL),
+        }
+        if !self.bodies.contains(&END_EFFECTOR) {
+            xi[END_EFFECTOR] = xi[PLATFORM];
+        }
+        set_drives(xi, motion, &arms, rotor);
+        spread_struts(motion, xi);
+    }
 }
 
 /// [`Motion::gap_twists`].

@@ -8,7 +8,7 @@ use super::channels::Twist;
 use super::{ParamTable, inverse_dynamics};
 use crate::effects::rigid_bodies::RigidBodies;
 use crate::effects::{ActiveEffect, Host, Instant, Kind};
-use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
+use crate::kinematics::{Closed, JointState, KinematicsError, Motion, Reactions, SocketSet};
 use crate::machine::bodies::{ARM, Bodies, END_EFFECTOR, PLATFORM, ROTOR, SLOTS};
 use crate::machine::{
     AXES, Configuration, Geometry, Inertia, LinkParameters, Load, Mechanism, Part, Payload, Setup, Stops,
@@ -197,12 +197,28 @@ impl Plant {
     ///
     /// # Errors
     /// As [`Self::motion`].
+    #[inline]
     pub(crate) fn set_motion(&self, joints: &JointState, motion: &mut Motion) -> Result<(), KinematicsError> {
+        self.set_motion_near(joints, None, motion).map(|_| ())
+    }
+
+    /// [`Self::set_motion`] in the assembly of the pose `near`, see [`Motion::assemble`]; returns the rates of plate and
+    /// passive arms.
+    ///
+    /// # Errors
+    /// As [`Self::motion`].
+    #[inline]
+    pub(crate) fn set_motion_near(
+        &self,
+        joints: &JointState,
+        near: Option<&Closed>,
+        motion: &mut Motion,
+    ) -> Result<Closed, KinematicsError> {
         if self.assembled {
-            return motion.assemble(&self.geometry, joints);
+            return motion.assemble(&self.geometry, joints, near);
         }
         motion.place_arms(&self.geometry, joints);
-        Ok(())
+        Ok(Closed::default())
     }
 
     /// The quantities that laws may depend on, without reactions and torques.

@@ -12,7 +12,7 @@ use nalgebra::{SMatrix, SVector, Vector3};
 
 use super::channels::{STILL, Twist};
 use crate::kinematics::{KinematicsError, Motion};
-use crate::machine::bodies::{END_EFFECTOR, PLATFORM, SLOTS};
+use crate::machine::bodies::{PLATFORM, SLOTS};
 use crate::machine::plate::MAX_PARTS;
 use crate::machine::{Geometry, MAX_LIMBS, MAX_STRUTS};
 
@@ -92,13 +92,6 @@ impl PlateMotions {
         Ok(Self { bodies, twists, lever, passive, inverse: inverse.ok_or_else(singular)?, gaps })
     }
 
-    /// Rates of the coordinates while the arm of driven `limb` moves at unit rate, no strut changes its length and the other
-    /// drives are locked.
-    pub fn driven(&self, limb: usize) -> Coordinates {
-        let [a, b] = [2 * limb, 2 * limb + 1];
-        self.inverse.column(a) * self.lever[a] + self.inverse.column(b) * self.lever[b]
-    }
-
     /// Rates of the coordinates per unit gap at strut `s` while the drives are locked.
     pub fn gap(&self, s: usize) -> Coordinates {
         self.inverse.column(s).into_owned()
@@ -115,9 +108,6 @@ impl PlateMotions {
         }
         if !self.passive.is_empty() {
             arms[self.passive.clone()].fill(rates[self.twists.len() - 1]);
-        }
-        if !self.bodies.contains(&END_EFFECTOR) {
-            xi[END_EFFECTOR] = xi[PLATFORM];
         }
     }
 
@@ -152,9 +142,7 @@ fn of_parts(geometry: &Geometry, motion: &Motion) -> Vec<[Twist; MAX_PARTS]> {
         }
         all.push(parts);
     }
-    let rotation = &motion.bodies[END_EFFECTOR].rotation;
-    let psi = rotation[(1, 0)].atan2(rotation[(0, 0)]);
-    let inner = geometry.plate.freedoms(psi).into_iter();
+    let inner = geometry.plate.freedoms(motion.plate_angle()).into_iter();
     all.extend(inner.map(|parts| parts.map(|(v, rate)| (v, Vector3::z() * rate))));
     all
 }

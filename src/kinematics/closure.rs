@@ -8,10 +8,13 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 
 use super::arm::Arm;
 use super::delta::{JointState, KinematicsError, PlatformState};
-use crate::machine::{AXES, Geometry, Limb};
+use super::motion::Motion;
+use crate::machine::bodies::arm;
+use crate::machine::plate::PartPlace;
+use crate::machine::{AXES, Geometry, Limb, MAX_LIMBS};
 
 /// Middle of a limb's lower ball pair relative to the plate's origin.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 pub(crate) struct Pair {
     /// m.
     pub offset: Vector3<f64>,
@@ -22,15 +25,27 @@ pub(crate) struct Pair {
 }
 
 impl Pair {
+    /// The pair of `limb` where the part that carries it is at `place`.
+    #[inline]
+    fn on(limb: &Limb, place: &PartPlace) -> Self {
+        let point = place.rotation * limb.point;
+        let across = Vector3::z().cross(&point) * place.turning;
+        Self {
+            offset: place.origin + point,
+            slope: place.slope + across,
+            curvature: place.curvature + Vector3::z().cross(&across) * place.turning,
+        }
+    }
+
     /// Third derivative with respect to ψ, m/rad³: only what turns has a second one.
     pub fn third(&self) -> Vector3<f64> {
         Vector3::z().cross(&self.curvature)
     }
 }
 
-/// The plate and the passive arms at given drives.
+/// The plate and the passive arms at given drives, or their rates.
 #[derive(Clone, Copy, Default)]
-pub(super) struct Closed {
+pub(crate) struct Closed {
     /// Origin of the plate, m.
     pub position: Vector3<f64>,
     /// Coordinate of the plate, rad.
@@ -44,31 +59,50 @@ struct Rows {
     matrix: Matrix4<f64>,
     limbs: usize,
     unknowns: usize,
+    turns: bool,
+}
+
+/// The machine at given drives: its arms, and the plate at a pose at which the closure is linearised.
+struct Linkage<'a> {
+    geometry: &'a Geometry,
+    /// Angles of all arms, rad or m.
+    q: [f64; AXES],
+    arms: [Arm; MAX_LIMBS],
+    at: Closed,
+    pairs: [Pair; MAX_LIMBS],
+    /// Strut vectors l, m.
+    struts: [Vector3<f64>; MAX_LIMBS],
+    rows: Rows,
+    /// (|l|² − l₂²)/2 of every limb, m².
+    values: Vector4<f64>,
 }
 
 /// Newton steps, far beyond the few that a regular pose takes.
 const MOST_STEPS: usize = 50;
 /// Poses between equal arms and the given ones, where the direct way leads to another assembly.
 const STAGES: usize = 16;
-/// Length of a last step relative to the struts.
-const CONVERGED: f64 = 1e-15;
+/// Length of a last step relative to the struts: the convergence is quadratic, so that the step leaves far less than rounding.
+const CONVERGED: f64 = 1e-10;
 
 impl Geometry {
     /// The lower ball pair of `limb` at ψ (rad).
     #[inline]
     pub(crate) fn pair(&self, limb: &Limb, psi: f64) -> Pair {
         if !self.plate.turns() {
-            let zero = Vector3::zeros();
-            return Pair { offset: limb.point, slope: zero, curvature: zero };
+            return Pair { offset: limb.point, ..Pair::default() };
         }
-        let place = self.plate.part(limb.part).at(psi);
-        let point = place.rotation * limb.point;
-        let across = Vector3::z().cross(&point) * place.turning;
-        Pair {
-            offset: place.origin + point,
-            slope: place.slope + across,
-            curvature: place.curvature + Vector3::z().cross(&across) * place.turning,
+        Pair::on(limb, &self.plate.part(limb.part).at(psi))
+    }
+
+    /// Sets the lower ball pairs of all limbs at ψ (rad).
+    #[inline]
+    fn set_pairs(&self, psi: f64, pairs: &mut [Pair; MAX_LIMBS]) {
+        if !self.plate.turns() {
+            self.limbs.iter().zip(pairs).for_each(|(limb, pair)| pair.offset = limb.point);
+            return;
         }
+        let places = [0, 1].map(|part| self.plate.part(part).at(psi));
+        self.limbs.iter().zip(pairs).for_each(|(limb, pair)| *pair = Pair::on(limb, &places[limb.part]));
     }
 
     /// Number of driven limbs.
@@ -100,7 +134,7 @@ impl Geometry {
         }
         let at = |psi: f64| {
             let q = self.inverse(position, psi)?;
-            Ok(self.rows(&q, &Closed { position: *position, psi, passive: 0.0 }).0.determinant())
+            Ok(self.determinant(&q, &Closed { position: *position, psi, passive: 0.0 }))
         };
         Ok(at(psi)? / at(0.0)?)
     }
@@ -111,7 +145,7 @@ impl Geometry {
         let passive = |q: &[f64]| self.limbs.iter().position(|limb| !limb.driven).map_or(0.0, |first| q[first]);
         let at = |q: &[f64], platform: &PlatformState| {
             let at = Closed { position: platform.position, psi: platform.psi[0], passive: passive(q) };
-            self.rows(q, &at).0.determinant()
+            self.determinant(q, &at)
         };
         let home = self.complete(&JointState::default()).map_or(1.0, |(joints, platform)| at(&joints.q, &platform));
         at(q, platform) / home
@@ -126,85 +160,47 @@ impl Geometry {
         all
     }
 
-    /// Closure of the limbs at `at`: its linearisation and its values.
-    fn rows(&self, q: &[f64], at: &Closed) -> (Rows, Vector4<f64>) {
-        let mut rows = Rows { matrix: Matrix4::zeros(), limbs: self.limbs.len(), unknowns: self.unknowns() };
-        let mut values = Vector4::zeros();
-        let all = self.with_passive(q, at.passive);
-        for (i, limb) in self.limbs.iter().enumerate() {
-            let (arm, pair) = (Arm::new(limb, all[i]), self.pair(limb, at.psi));
-            let l = at.position + pair.offset - arm.elbow;
-            rows.matrix.fixed_view_mut::<1, 3>(i, 0).copy_from(&l.transpose());
-            let mut column = 3;
-            if self.plate.turns() {
-                rows.matrix[(i, column)] = l.dot(&pair.slope);
-                column += 1;
-            }
-            if !limb.driven {
-                rows.matrix[(i, column)] = -l.dot(&arm.slope);
-            }
-            values[i] = 0.5 * (l.norm_squared() - limb.strut_length * limb.strut_length);
-        }
-        (rows, values)
-    }
-
-    /// The plate in the middle of the elbows, below them.
-    fn guess(&self, q: &[f64]) -> Closed {
-        let driven = self.driven();
-        let passive = q[..driven].iter().sum::<f64>() / driven as f64;
-        let all = self.with_passive(q, passive);
-        let centre = |(limb, q): (&Limb, &f64)| Arm::new(limb, *q).elbow - self.pair(limb, 0.0).offset;
-        let centres = || self.limbs.iter().zip(&all).map(centre);
-        let count = self.limbs.len() as f64;
-        let middle = centres().sum::<Vector3<f64>>() / count;
-        let away = centres().map(|c| (c - middle).xy().norm_squared()).sum::<f64>() / count;
-        let length = self.limbs.iter().map(|limb| limb.strut_length).sum::<f64>() / count;
-        let below = (length * length - away).max(0.01 * length * length).sqrt();
-        Closed { position: middle - Vector3::z() * below, psi: 0.0, passive }
+    /// Determinant of the closure at the given drives (rad or m) and a pose.
+    fn determinant(&self, q: &[f64], at: &Closed) -> f64 {
+        Linkage::new(self, q, *at).rows.determinant()
     }
 
     /// The plate and the passive arms at the given angles of the drives (rad or m), in the assembly with the plate below its
-    /// elbows in which ψ = 0 at equal arms.
+    /// elbows in which ψ = 0 at equal arms, or in that of the pose `near`, if it leads there.
     ///
     /// # Errors
     /// [`KinematicsError::NoClosure`] if the struts reach no common plate.
-    pub(super) fn closed(&self, q: &[f64]) -> Result<Closed, KinematicsError> {
-        let start = self.guess(q);
-        let side = |q: &[f64], at: &Closed| self.rows(q, at).0.determinant();
-        let direct = self.newton(q, start).filter(|at| side(q, &start) * side(q, at) > 0.0);
-        let stepwise = || {
-            let driven = self.driven();
-            let mean = q[..driven].iter().sum::<f64>() / driven as f64;
-            let equal = [mean; AXES];
-            let home = self.newton(&equal, self.guess(&equal))?;
-            let end = (1..=STAGES).try_fold(home, |at, stage| {
-                let share = stage as f64 / STAGES as f64;
-                let between: [f64; AXES] =
-                    std::array::from_fn(|i| mean + share * (q.get(i).copied().unwrap_or(mean) - mean));
-                self.newton(&between, at)
-            })?;
-            (side(&equal, &home) * side(q, &end) > 0.0).then_some(end)
-        };
-        direct.or_else(stepwise).ok_or_else(|| KinematicsError::NoClosure { q: q[..self.driven()].into() })
+    pub(crate) fn closed(&self, q: &[f64], near: Option<&Closed>) -> Result<Closed, KinematicsError> {
+        Ok(self.linkage(q, near)?.at)
     }
 
-    fn newton(&self, q: &[f64], mut at: Closed) -> Option<Closed> {
-        let length = self.limbs.iter().map(|limb| limb.strut_length).fold(0.0, f64::max);
-        let mut best = f64::INFINITY;
-        for _ in 0..MOST_STEPS {
-            let (rows, values) = self.rows(q, &at);
-            let step = rows.solve(&-values)?;
-            // Far from the solution no step is longer than a fifth of a strut, or turns by more than half a radian.
-            let (far, turn) = (step.fixed_rows::<3>(0).norm() / (0.2 * length), step[3].abs() / 0.5);
-            let size = far.max(if rows.unknowns > 3 { turn } else { 0.0 });
-            at.add(&(step / size.max(1.0)), self.plate.turns());
-            if size < CONVERGED || (size < 1e-10 && size >= best) {
-                let left = self.rows(q, &at).1.amax();
-                return (left < 1e-9 * length * length).then_some(at);
+    /// [`Self::closed`] with the arms and the closure there.
+    fn linkage(&self, q: &[f64], near: Option<&Closed>) -> Result<Linkage<'_>, KinematicsError> {
+        let starts = near.map(|at| Linkage::new(self, q, *at)).into_iter();
+        for mut linkage in starts.chain(std::iter::once_with(|| Linkage::guess(self, q))) {
+            let side = linkage.rows.determinant();
+            if linkage.close() && side * linkage.rows.determinant() > 0.0 {
+                return Ok(linkage);
             }
-            best = best.min(size);
         }
-        None
+        self.stepwise(q).ok_or_else(|| KinematicsError::NoClosure { q: q[..self.driven()].into() })
+    }
+
+    /// [`Self::linkage`] by way of poses that start at equal arms.
+    fn stepwise(&self, q: &[f64]) -> Option<Linkage<'_>> {
+        let driven = self.driven();
+        let mean = q[..driven].iter().sum::<f64>() / driven as f64;
+        let mut linkage = Linkage::guess(self, &[mean; AXES]);
+        linkage.close().then_some(())?;
+        let side = linkage.rows.determinant();
+        for stage in 1..=STAGES {
+            let share = stage as f64 / STAGES as f64;
+            let between: [f64; AXES] =
+                std::array::from_fn(|i| mean + share * (q.get(i).copied().unwrap_or(mean) - mean));
+            linkage = Linkage::new(self, &between, linkage.at);
+            linkage.close().then_some(())?;
+        }
+        (side * linkage.rows.determinant() > 0.0).then_some(linkage)
     }
 
     /// Motion of all arms, passive ones included, and of the plate for a motion of the drives.
@@ -213,41 +209,80 @@ impl Geometry {
     /// [`KinematicsError::NoClosure`] as in [`Self::forward`]; [`KinematicsError::Singular`] if the drives do not determine
     /// the motion of the plate.
     pub fn complete(&self, joints: &JointState) -> Result<(JointState, PlatformState), KinematicsError> {
-        if self.has_platform_of_three() {
-            return Ok((*joints, self.forward_motion(joints)?));
+        self.complete_near(joints, None)
+    }
+
+    /// [`Self::complete`] in the assembly of the pose `near`, if it leads to the given drives.
+    ///
+    /// # Errors
+    /// As [`Self::complete`].
+    #[inline]
+    pub(super) fn complete_near(
+        &self,
+        joints: &JointState,
+        near: Option<&Closed>,
+    ) -> Result<(JointState, PlatformState), KinematicsError> {
+        match self.has_platform_of_three() {
+            true => Ok((*joints, self.forward_motion(joints)?)),
+            false => self.complete_any(joints, near),
         }
-        let at = self.closed(&joints.q)?;
-        let singular = || KinematicsError::Singular { q: joints.q[..self.driven()].into() };
-        let (rows, _) = self.rows(&joints.q, &at);
-        let all = JointState { q: self.with_passive(&joints.q, at.passive), ..*joints };
-        let arms = |i: usize| (Arm::new(&self.limbs[i], all.q[i]), self.pair(&self.limbs[i], at.psi));
-        let strut = |i: usize| at.position + arms(i).1.offset - arms(i).0.elbow;
-        let right = |value: &dyn Fn(usize) -> f64| {
-            let mut out = Vector4::zeros();
-            (0..self.limbs.len()).for_each(|i| out[i] = value(i));
+    }
+
+    fn complete_any(
+        &self,
+        joints: &JointState,
+        near: Option<&Closed>,
+    ) -> Result<(JointState, PlatformState), KinematicsError> {
+        let linkage = self.linkage(&joints.q, near)?;
+        let Linkage { q, arms, at, pairs, struts, rows, .. } = &linkage;
+        let inverse =
+            rows.inverse().ok_or_else(|| KinematicsError::Singular { q: joints.q[..self.driven()].into() })?;
+        let solve = |right: &dyn Fn(usize) -> f64| {
+            let mut out = Closed::default();
+            let right = Vector4::from_fn(|i, _| if i < rows.limbs { right(i) } else { 0.0 });
+            out.add(&(inverse * right), self.plate.turns());
             out
         };
         let driving = |i: usize, rate: &[f64; AXES]| if self.limbs[i].driven { rate[i] } else { 0.0 };
-        let rates =
-            rows.solve(&right(&|i| strut(i).dot(&arms(i).0.slope) * driving(i, &joints.qd))).ok_or_else(singular)?;
-        let mut first = Closed::default();
-        first.add(&rates, self.plate.turns());
+        let first = solve(&|i| struts[i].dot(&arms[i].slope) * driving(i, &joints.qd));
         let qd = self.with_passive(&joints.qd, first.passive);
-        let second = right(&|i| {
-            let ((arm, pair), l) = (arms(i), strut(i));
+        let second = solve(&|i| {
+            let (arm, pair, l) = (&arms[i], &pairs[i], &struts[i]);
             let ld = first.position + pair.slope * first.psi - arm.slope * qd[i];
             let own = arm.slope * driving(i, &joints.qdd) + arm.curvature * (qd[i] * qd[i]);
             l.dot(&(own - pair.curvature * (first.psi * first.psi))) - ld.norm_squared()
         });
-        let mut accelerations = Closed::default();
-        accelerations.add(&rows.solve(&second).ok_or_else(singular)?, self.plate.turns());
         let platform = PlatformState {
             position: at.position,
             velocity: first.position,
-            acceleration: accelerations.position,
-            psi: [at.psi, first.psi, accelerations.psi],
+            acceleration: second.position,
+            psi: [at.psi, first.psi, second.psi],
         };
-        Ok((JointState { qd, qdd: self.with_passive(&joints.qdd, accelerations.passive), ..all }, platform))
+        Ok((JointState { q: *q, qd, qdd: self.with_passive(&joints.qdd, second.passive) }, platform))
+    }
+
+    /// Rates of the plate and of the passive arms per unit rate of each drive, at a pose of an assembled machine.
+    ///
+    /// # Errors
+    /// [`KinematicsError::Singular`] if the drives do not determine the motion of the plate.
+    pub(crate) fn rates_per_drive(&self, motion: &Motion) -> Result<[Closed; MAX_LIMBS], KinematicsError> {
+        let mut pairs = [Pair::default(); MAX_LIMBS];
+        self.set_pairs(motion.plate_angle(), &mut pairs);
+        let mut rows = Rows::new(self);
+        let mut levers = [0.0; MAX_LIMBS];
+        for (i, limb) in self.limbs.iter().enumerate() {
+            let arm = Arm::of(limb, &motion.bodies[arm(i)]);
+            let l = motion.strut_axis[2 * i] * motion.strut_length[2 * i];
+            levers[i] = l.dot(&arm.slope);
+            rows.set(i, &l, l.dot(&pairs[i].slope), if limb.driven { 0.0 } else { levers[i] });
+        }
+        let inverse =
+            rows.inverse().ok_or_else(|| KinematicsError::Singular { q: motion.q[..motion.driven].into() })?;
+        let mut rates = [Closed::default(); MAX_LIMBS];
+        for (i, rate) in rates.iter_mut().enumerate().take(motion.driven) {
+            rate.add(&(inverse.column(i) * levers[i]), self.plate.turns());
+        }
+        Ok(rates)
     }
 
     /// The motion with the platform where coupled passive arms hold it: displaced from `platform` along the difference of their
@@ -286,6 +321,22 @@ impl Geometry {
 }
 
 impl Closed {
+    /// Number of its coordinates.
+    pub const LENGTH: usize = 5;
+
+    /// Of its coordinates, or their rates, in a state.
+    ///
+    /// # Panics
+    /// If there are fewer than [`Self::LENGTH`].
+    pub fn of(y: &[f64]) -> Self {
+        Self { position: Vector3::new(y[0], y[1], y[2]), psi: y[3], passive: y[4] }
+    }
+
+    /// Its coordinates, or their rates, for a state.
+    pub fn coordinates(&self) -> [f64; Self::LENGTH] {
+        [self.position.x, self.position.y, self.position.z, self.psi, self.passive]
+    }
+
     /// Adds a step of the unknowns.
     fn add(&mut self, step: &Vector4<f64>, turns: bool) {
         self.position += step.fixed_rows::<3>(0);
@@ -293,14 +344,103 @@ impl Closed {
     }
 }
 
-impl Rows {
-    /// Solution of the rows: exact for as many limbs as unknowns, of least squares for more.
-    fn solve(&self, right: &Vector4<f64>) -> Option<Vector4<f64>> {
-        if self.limbs == self.unknowns {
-            return self.padded(self.matrix).lu().solve(right);
+impl<'a> Linkage<'a> {
+    /// The machine with its drives at `q` (rad or m) and its plate at `at`.
+    fn new(geometry: &'a Geometry, q: &[f64], at: Closed) -> Self {
+        let q = geometry.with_passive(q, at.passive);
+        let mut linkage = Self {
+            geometry,
+            q,
+            arms: [Arm::new(&geometry.limbs[0], q[0]); MAX_LIMBS],
+            at,
+            pairs: [Pair::default(); MAX_LIMBS],
+            struts: [Vector3::zeros(); MAX_LIMBS],
+            rows: Rows::new(geometry),
+            values: Vector4::zeros(),
+        };
+        for (i, limb) in geometry.limbs.iter().enumerate().skip(1) {
+            linkage.arms[i] = Arm::new(limb, q[i]);
         }
-        let square = self.padded(self.matrix.tr_mul(&self.matrix));
-        square.cholesky().map(|c| c.solve(&self.matrix.tr_mul(right)))
+        linkage.linearise();
+        linkage
+    }
+
+    /// The plate in the middle of the elbows, below them.
+    fn guess(geometry: &'a Geometry, q: &[f64]) -> Self {
+        let driven = geometry.driven();
+        let passive = q[..driven].iter().sum::<f64>() / driven as f64;
+        let mut linkage = Self::new(geometry, q, Closed { passive, ..Closed::default() });
+        // At the origin with ψ = 0 the strut vectors lead from the elbows to the pairs.
+        let centres = || linkage.struts.iter().take(geometry.limbs.len()).map(|l| -l);
+        let count = geometry.limbs.len() as f64;
+        let middle = centres().sum::<Vector3<f64>>() / count;
+        let away = centres().map(|c| (c - middle).xy().norm_squared()).sum::<f64>() / count;
+        let length = geometry.limbs.iter().map(|limb| limb.strut_length).sum::<f64>() / count;
+        let below = (length * length - away).max(0.01 * length * length).sqrt();
+        linkage.at.position = middle - Vector3::z() * below;
+        linkage.linearise();
+        linkage
+    }
+
+    /// Sets passive arms and closure at the present pose of the plate.
+    fn linearise(&mut self) {
+        let Self { geometry, at, .. } = self;
+        geometry.set_pairs(at.psi, &mut self.pairs);
+        for (i, limb) in geometry.limbs.iter().enumerate() {
+            if !limb.driven {
+                self.q[i] = at.passive;
+                self.arms[i] = Arm::new(limb, at.passive);
+            }
+            let (arm, pair) = (&self.arms[i], &self.pairs[i]);
+            let l = at.position + pair.offset - arm.elbow;
+            self.rows.set(i, &l, l.dot(&pair.slope), if limb.driven { 0.0 } else { l.dot(&arm.slope) });
+            self.values[i] = 0.5 * (l.norm_squared() - limb.strut_length * limb.strut_length);
+            self.struts[i] = l;
+        }
+    }
+
+    /// Moves the plate by Newton's method until the loops are closed; false if they are not, or the pose is singular.
+    fn close(&mut self) -> bool {
+        let length = self.geometry.limbs.iter().map(|limb| limb.strut_length).fold(0.0, f64::max);
+        for _ in 0..MOST_STEPS {
+            let Some(inverse) = self.rows.inverse() else { return false };
+            let step = inverse * -self.values;
+            // Far from the solution no step is longer than a fifth of a strut, or turns by more than half a radian.
+            let (far, turn) = (step.fixed_rows::<3>(0).norm() / (0.2 * length), step[3].abs() / 0.5);
+            let size = far.max(if self.rows.unknowns > 3 { turn } else { 0.0 });
+            self.at.add(&(step / size.max(1.0)), self.rows.turns);
+            self.linearise();
+            if size < CONVERGED {
+                return self.values.amax() < 1e-9 * length * length;
+            }
+        }
+        false
+    }
+}
+
+impl Rows {
+    fn new(geometry: &Geometry) -> Self {
+        let (limbs, unknowns) = (geometry.limbs.len(), geometry.unknowns());
+        Self { matrix: Matrix4::zeros(), limbs, unknowns, turns: geometry.plate.turns() }
+    }
+
+    /// Sets row `i`: the strut vector l, l·∂b/∂ψ, and of a passive arm l·∂e/∂q, else zero.
+    fn set(&mut self, i: usize, l: &Vector3<f64>, turning: f64, passive: f64) {
+        self.matrix.fixed_view_mut::<1, 3>(i, 0).copy_from(&l.transpose());
+        if self.turns {
+            self.matrix[(i, 3)] = turning;
+        }
+        if self.unknowns > 3 + usize::from(self.turns) {
+            self.matrix[(i, self.unknowns - 1)] = -passive;
+        }
+    }
+
+    /// Inverse of the rows for as many limbs as unknowns; the pseudo-inverse, of least squares, for more.
+    fn inverse(&self) -> Option<Matrix4<f64>> {
+        if self.limbs == self.unknowns {
+            return self.padded(self.matrix).try_inverse();
+        }
+        Some(self.padded(self.matrix.tr_mul(&self.matrix)).try_inverse()? * self.matrix.transpose())
     }
 
     /// The matrix with ones on the diagonal after the last unknown.

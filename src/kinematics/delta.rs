@@ -246,7 +246,7 @@ impl Geometry {
     pub fn forward(&self, q: &[f64]) -> Result<Vector3<f64>, KinematicsError> {
         match self.has_platform_of_three() {
             true => self.forward_of([q[0], q[1], q[2]], &Arm::three(self, q)),
-            false => Ok(self.closed(q)?.position),
+            false => Ok(self.closed(q, None)?.position),
         }
     }
 

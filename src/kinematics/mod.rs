@@ -12,6 +12,7 @@ mod tilt;
 
 pub(crate) use arm::Arm;
 pub use arm::Screw;
+pub(crate) use closure::Closed;
 pub use delta::{JointState, KinematicsError, LawFault, PlatformState, Target};
 pub use home::Home;
 pub use motion::{BodyMotion, Motion, Reactions, SocketSet};

@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Matrix3, Matrix6, Rotation3, UnitQuaternion, Vector3};
 
 use super::arm::{Arm, Screw};
+use super::closure::Closed;
 use super::delta::{JointState, KinematicsError, PlatformState};
 use super::telescope::{Telescope, telescope_motion};
 use crate::machine::bodies::{
@@ -231,6 +232,13 @@ impl Motion {
         self.bodies[PLATFORM].position - part.fixed - rotation * part.turning
     }
 
+    /// Angle by which the plate turns the end effector, rad within half a turn.
+    #[inline]
+    pub(crate) fn plate_angle(&self) -> f64 {
+        let rotation = &self.bodies[END_EFFECTOR].rotation;
+        rotation[(1, 0)].atan2(rotation[(0, 0)])
+    }
+
     /// Velocity of the upper ball of strut `s` along the strut per rate of its arm, m/rad or 1.
     #[inline]
     pub fn upper_rate(&self, s: usize) -> f64 {
@@ -290,23 +298,32 @@ impl Motion {
     /// Those of [`Geometry::forward_motion`].
     pub fn assembled(geometry: &Geometry, joints: &JointState) -> Result<Self, KinematicsError> {
         let mut motion = Self::REST;
-        motion.assemble(geometry, joints)?;
+        motion.assemble(geometry, joints, None)?;
         Ok(motion)
     }
 
     /// Sets this to the motion that [`Self::assembled`] returns; before, it was [`Self::REST`] or one of the same machine.
+    /// Plates other than the platform of three limbs stay in the assembly of the pose `near`, if it leads there. Returns the rates
+    /// of plate and passive arms.
     ///
     /// # Errors
     /// As [`Self::assembled`].
-    pub(crate) fn assemble(&mut self, geometry: &Geometry, joints: &JointState) -> Result<(), KinematicsError> {
-        let (joints, platform) = geometry.complete(joints)?;
+    #[inline]
+    pub(crate) fn assemble(
+        &mut self,
+        geometry: &Geometry,
+        joints: &JointState,
+        near: Option<&Closed>,
+    ) -> Result<Closed, KinematicsError> {
+        let (joints, platform) = geometry.complete_near(joints, near)?;
         if geometry.has_unequal_pairs() {
             *self = Self::tilted(geometry, &joints, &platform)?;
         } else {
             self.place_arms(geometry, &joints);
             self.place_platform(geometry, &platform);
         }
-        Ok(())
+        let passive = geometry.limbs.iter().position(|limb| !limb.driven).map_or(0.0, |first| joints.qd[first]);
+        Ok(Closed { position: platform.velocity, psi: platform.psi[1], passive })
     }
 
     /// Motion of the arms and the rotor of a disassembled robot.
@@ -361,6 +378,9 @@ impl Motion {
                 self.bodies[strut(s)] = BodyMotion { position: body.position + offset, ..body };
                 self.strut_axis[s] = axis;
             }
+        }
+        if !geometry.has_platform_of_three() {
+            return;
         }
         let lower_hooke = platform.position + Vector3::z() * geometry.lower_hooke_height;
         let (rotor, hooke) = (&self.bodies[ROTOR], geometry.upper_hooke());

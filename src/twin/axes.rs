@@ -6,51 +6,78 @@
 //! Of an assembled one, with ξ the twists of all bodies per unit rate of each drive, M_b their inertias and w the applied
 //! minus the inertial wrenches at q̈ = 0, (Σ ξᵀ M_b ξ)·q̈ = τ + Σ ξᵀ w.
 
-use nalgebra::{Vector3, Vector4};
+use nalgebra::{Cholesky, U4, Vector3, Vector4};
 
 use super::SingularPose;
 use super::context::Context;
 use super::integrator::{Stage, System};
 use crate::dynamics::{ChannelMap, Plant, Twist, balance, ball_forces, rigid_wrenches};
+use crate::effects::ActiveEffect;
 use crate::kinematics::motion::MAX_SOCKETS;
-use crate::kinematics::{JointState, Motion};
+use crate::kinematics::{Closed, JointState, Motion};
 use crate::machine::AXES;
 use crate::machine::bodies::SLOTS;
 use crate::recording::Channel;
 
-/// Number of angles and rates, in this order.
-pub(super) const LENGTH: usize = 2 * AXES;
-/// Place of the rates.
-pub(super) const RATES: std::ops::Range<usize> = AXES..LENGTH;
+/// Place of the rates, after the angles.
+pub(super) const RATES: std::ops::Range<usize> = AXES..2 * AXES;
+/// Place of the plate's pose and the passive arms' angle, which follow from the drives: from the integrated ones the closure
+/// starts, and each step ends with the closed ones.
+const PLATE: std::ops::Range<usize> = RATES.end..RATES.end + Closed::LENGTH;
+/// Number of angles, rates and coordinates of the plate.
+pub(super) const LENGTH: usize = PLATE.end;
+
+/// The last motion, and the virtual motions of the drives there.
+pub(super) struct Work {
+    motion: Motion,
+    drives: ChannelMap,
+    /// Whether a law depends on the forces of the struts.
+    loaded: bool,
+}
+
+impl Work {
+    pub fn new(plant: &Plant) -> Self {
+        let drives = ChannelMap::without_motion(&Channel::of_drives(plant.mechanism));
+        let reads = |a: &ActiveEffect| a.effect.spec().reads.reactions || a.states_read_reactions();
+        Self { motion: Motion::REST, drives, loaded: plant.assembled && plant.effects.iter().any(reads) }
+    }
+}
 
 /// Right-hand side for one step.
 pub(super) struct Axes<'a> {
     pub context: &'a mut Context,
+    pub work: &'a mut Work,
 }
 
-pub(super) fn store(y: &mut [f64], motion: &Motion) {
-    y[..AXES].copy_from_slice(&motion.q);
-    y[AXES..LENGTH].copy_from_slice(&motion.qd);
-}
-
-/// Motion of all bodies at a state, with given axis accelerations.
-///
 /// # Errors
 /// [`SingularPose`] if the struts reach no common plate.
-pub(super) fn motion(plant: &Plant, y: &[f64], qdd: [f64; AXES]) -> Result<Motion, SingularPose> {
-    let (q, qd) = (std::array::from_fn(|i| y[i]), std::array::from_fn(|i| y[AXES + i]));
-    plant.motion(&JointState { q, qd, qdd }).map_err(|_| SingularPose)
+pub(super) fn store(plant: &Plant, y: &mut [f64], motion: &Motion) -> Result<(), SingularPose> {
+    y[..AXES].copy_from_slice(&motion.q);
+    y[RATES].copy_from_slice(&motion.qd);
+    close(plant, y, None)
+}
+
+/// Sets the plate's pose at the drives of a state, in the assembly of the pose `near`, if it leads there.
+fn close(plant: &Plant, y: &mut [f64], near: Option<&Closed>) -> Result<(), SingularPose> {
+    if plant.assembled {
+        let plate = plant.geometry.closed(&y[..AXES], near).map_err(|_| SingularPose)?;
+        y[PLATE].copy_from_slice(&plate.coordinates());
+    }
+    Ok(())
+}
+
+fn joints(y: &[f64]) -> JointState {
+    JointState { q: std::array::from_fn(|i| y[i]), qd: std::array::from_fn(|i| y[AXES + i]), ..JointState::default() }
 }
 
 impl Context {
     /// Motion at a state of [`Axes`], without accelerations; the arms alone where the struts reach no common plate.
     pub fn in_drives(&self, y: &[f64]) -> Motion {
-        let joints = JointState {
-            q: std::array::from_fn(|i| y[i]),
-            qd: std::array::from_fn(|i| y[AXES + i]),
-            ..JointState::default()
-        };
-        self.plant.motion(&joints).unwrap_or_else(|_| Motion::disassembled(&self.plant.geometry, &joints))
+        let (joints, mut motion) = (joints(y), Motion::REST);
+        match self.plant.set_motion_near(&joints, Some(&Closed::of(&y[PLATE])), &mut motion) {
+            Ok(_) => motion,
+            Err(_) => Motion::disassembled(&self.plant.geometry, &joints),
+        }
     }
 }
 
@@ -67,79 +94,81 @@ fn total(plant: &Plant, motion: &Motion, applied: &[Twist; SLOTS]) -> [Twist; SL
     all
 }
 
-/// Accelerations of the drives of an assembled machine; `motion` is at q̈ = 0.
-fn coupled(
-    plant: &Plant,
-    motion: &Motion,
-    applied: &[Twist; SLOTS],
-    torque: &[f64; AXES],
-    implicit: &Implicit,
-) -> Result<[f64; AXES], SingularPose> {
-    let axes = plant.mechanism.axes();
-    let map = ChannelMap::new(&plant.geometry, motion, true, &Channel::of_drives(plant.mechanism))
-        .map_err(|_| SingularPose)?;
-    let (mut mass, mut load) = (map.mass(&plant.bodies, motion), [0.0; AXES]);
-    for (body, (force, moment)) in total(plant, motion, applied).iter().enumerate() {
-        (0..axes).for_each(|c| load[c] -= map.project(c, body, force, moment));
+impl Work {
+    /// Sets the motion at a state, without accelerations; returns the rates of plate and passive arms.
+    ///
+    /// # Errors
+    /// [`SingularPose`] if the struts reach no common plate.
+    fn place(&mut self, plant: &Plant, y: &[f64]) -> Result<Closed, SingularPose> {
+        let near = Closed::of(&y[PLATE]);
+        plant.set_motion_near(&joints(y), Some(&near), &mut self.motion).map_err(|_| SingularPose)
     }
-    for axis in 0..AXES {
-        let (added, push) = implicit[axis];
-        load[axis] += torque[axis] + push;
-        mass[(axis, axis)] += if axis < axes { added } else { 1.0 };
+
+    /// The motion with these accelerations of the drives, whose virtual motions were set.
+    fn moving(&self, qdd: [f64; AXES]) -> Motion {
+        let mut moving = self.motion;
+        moving.qdd = qdd;
+        self.drives.accelerate(&mut moving, &qdd);
+        moving
     }
-    (axes..AXES).for_each(|axis| load[axis] = 0.0);
-    let qdd: Vector4<f64> = mass.cholesky().ok_or(SingularPose)?.solve(&load.into());
-    if qdd.iter().all(|x| x.is_finite()) { Ok(qdd.into()) } else { Err(SingularPose) }
+
+    /// Mass matrix of the drives with implicit terms.
+    fn mass(&self, plant: &Plant, implicit: &Implicit) -> Result<Cholesky<f64, U4>, SingularPose> {
+        let mut mass = self.drives.mass(&plant.bodies, &self.motion);
+        for (axis, (added, _)) in implicit.iter().enumerate() {
+            mass[(axis, axis)] += if axis < self.drives.channels.len() { *added } else { 1.0 };
+        }
+        mass.cholesky().ok_or(SingularPose)
+    }
 }
 
 impl Axes<'_> {
-    /// Accelerations of the axes, rad/s².
-    fn solve(&mut self, t: f64, y: &[f64], motion: &Motion, implicit: &Implicit) -> Result<[f64; AXES], SingularPose> {
-        let torque = self.context.torque.at(t);
-        let with_bodies = self.context.forces.read_accelerations();
-        self.context.solve(t, y, motion, |plant, wrenches, answer| {
-            if plant.assembled {
-                let qdd = coupled(plant, motion, wrenches, &torque, implicit)?;
-                let moving = self::motion(plant, y, qdd)?;
-                answer.drives = qdd;
-                answer.bodies = moving.bodies.map(|b| (b.acceleration, b.angular_acceleration));
-                let all = total(plant, &moving, wrenches);
-                answer.reactions = balance(plant, &moving, &all).map_err(|_| SingularPose)?.reactions;
-                return Ok(qdd);
+    /// Accelerations of the axes at the state of the last [`Work::place`], rad/s²; with `complete`, strut forces are computed even
+    /// if no law depends on them.
+    fn solve(&mut self, t: f64, y: &[f64], implicit: &Implicit, complete: bool) -> Result<[f64; AXES], SingularPose> {
+        let Self { context, work } = self;
+        let torque = context.torque.at(t);
+        let with_bodies = context.forces.read_accelerations();
+        let plant = &context.plant;
+        work.drives.set(&plant.geometry, &work.motion, plant.assembled).map_err(|_| SingularPose)?;
+        let (mass, work) = (work.mass(plant, implicit)?, &**work);
+        let axes = work.drives.channels.len();
+        let rigid = rigid_wrenches(plant, &work.motion);
+        context.solve(t, y, &work.motion, |plant, applied, answer| {
+            let mut load = Vector4::zeros();
+            for (body, ((force, moment), own)) in applied.iter().zip(&rigid).enumerate().take(work.motion.slots()) {
+                let (force, moment) = (force + own.0, moment + own.1);
+                (0..axes).for_each(|c| load[c] -= work.drives.project(c, body, &force, &moment));
             }
-            let mut qdd = [0.0; AXES];
-            for axis in 0..plant.mechanism.axes() {
-                let (body, screw) = motion.drive(axis);
-                let (inertia, rotation) = (&plant.bodies[body], &motion.bodies[body].rotation);
-                let (added, push) = implicit[axis];
-                let gravity = plant.gravity_vector();
-                let weight = (gravity * inertia.mass, (rotation * inertia.first_moment).cross(&gravity));
-                let load = screw.effort(&wrenches[body]) + screw.effort(&weight);
-                qdd[axis] = (torque[axis] + push + load) / (screw.inertia(inertia, rotation) + added);
+            (0..axes).for_each(|axis| load[axis] += torque[axis] + implicit[axis].1);
+            let qdd: [f64; AXES] = mass.solve(&load).into();
+            if !qdd.iter().all(|x| x.is_finite()) {
+                return Err(SingularPose);
             }
-            if qdd.iter().all(|x| x.is_finite()) {
-                answer.drives = qdd;
+            answer.drives = qdd;
+            if with_bodies || work.loaded || complete {
+                let moving = work.moving(qdd);
                 if with_bodies {
-                    let moving = self::motion(plant, y, qdd)?;
                     answer.bodies = moving.bodies.map(|b| (b.acceleration, b.angular_acceleration));
                 }
-                Ok(qdd)
-            } else {
-                Err(SingularPose)
+                if plant.assembled {
+                    let all = total(plant, &moving, applied);
+                    answer.reactions = balance(plant, &moving, &all).map_err(|_| SingularPose)?.reactions;
+                }
             }
+            Ok(qdd)
         })
     }
 
     /// Motion of all bodies at a state, with accelerations, and the forces of the balls on the struts, N.
     pub fn evaluate(&mut self, t: f64, y: &[f64]) -> Result<(Motion, [Vector3<f64>; MAX_SOCKETS]), SingularPose> {
-        let still = motion(&self.context.plant, y, [0.0; AXES])?;
-        self.context.prepare(t, y, &still);
-        let qdd = self.solve(t, y, &still, &Implicit::default())?;
+        self.work.place(&self.context.plant, y)?;
+        self.context.prepare(t, y, &self.work.motion);
+        let qdd = self.solve(t, y, &Implicit::default(), true)?;
+        let moving = self.work.moving(qdd);
         let Context { plant, scratch, .. } = &*self.context;
-        let moving = motion(plant, y, qdd)?;
-        let all = total(plant, &moving, self.context.loads());
         let sockets = match plant.assembled {
-            true => ball_forces(&moving, &all, &scratch.answer.reactions),
+            true => ball_forces(&moving, &total(plant, &moving, self.context.loads()), &scratch.answer.reactions),
             false => [Vector3::zeros(); MAX_SOCKETS],
         };
         Ok((moving, sockets))
@@ -162,25 +191,29 @@ impl Axes<'_> {
 impl System for Axes<'_> {
     fn stage(&mut self, stage: &Stage, k: &mut [f64]) -> Result<(), SingularPose> {
         let Stage { t, y, sum, g, first } = *stage;
-        let mut motion = motion(&self.context.plant, y, [0.0; AXES])?;
-        self.context.prepare(t, y, &motion);
+        let plate = self.work.place(&self.context.plant, y)?;
+        self.context.prepare(t, y, &self.work.motion);
         let implicit = if g > 0.0 {
             if first {
-                self.context.measure_damping(t, y, &mut motion);
+                self.context.measure_damping(t, y, &mut self.work.motion);
             }
             self.implicit(t, y, sum, g)
         } else {
             Implicit::default()
         };
-        motion.qdd = self.solve(t, y, &motion, &implicit)?;
-        k[..AXES].copy_from_slice(&motion.qd);
-        k[AXES..LENGTH].copy_from_slice(&motion.qdd);
-        self.context.rest_of_stage(stage, &motion, 0.0, k);
+        k[..AXES].copy_from_slice(&self.work.motion.qd);
+        let qdd = self.solve(t, y, &implicit, false)?;
+        k[RATES].copy_from_slice(&qdd);
+        k[PLATE].copy_from_slice(&plate.coordinates());
+        let motion = &mut self.work.motion;
+        motion.qdd = qdd;
+        self.context.rest_of_stage(stage, motion, 0.0, k);
         Ok(())
     }
 
-    /// No constraints between the axes.
-    fn project(&mut self, _y: &mut [f64]) -> Result<(), SingularPose> {
-        Ok(())
+    /// Closes the loops for the plate.
+    fn project(&mut self, y: &mut [f64]) -> Result<(), SingularPose> {
+        let near = Closed::of(&y[PLATE]);
+        close(&self.context.plant, y, Some(&near))
     }
 }

@@ -71,7 +71,7 @@ enum Form {
     /// Rows of the assembled robot eliminated in closed form.
     Assembled(Box<Mechanism>, FrameCache),
     /// Independent axes: bearings only, eliminated.
-    Axes,
+    Axes(Box<axes::Work>),
     /// All bodies, all rows.
     Absolute(Box<Joints>),
 }
@@ -124,8 +124,8 @@ impl Twin {
             elastic = mechanism.springs.is_some();
             Form::Assembled(Box::new(mechanism), FrameCache::default())
         } else {
-            axes::store(&mut y, motion);
-            Form::Axes
+            axes::store(&plant, &mut y, motion)?;
+            Form::Axes(Box::new(axes::Work::new(&plant)))
         };
         let own = plant.steady_states(0.0, motion).concat();
         y[layout.own()].copy_from_slice(&own);
@@ -205,7 +205,7 @@ impl Twin {
             Form::Assembled(mechanism, cache) => {
                 stepper.step(tableau, &mut Assembled { context, mechanism, cache }, *t, y, h)?;
             }
-            Form::Axes => stepper.step(tableau, &mut Axes { context }, *t, y, h)?,
+            Form::Axes(work) => stepper.step(tableau, &mut Axes { context, work }, *t, y, h)?,
             Form::Absolute(joints) => stepper.step(tableau, &mut Absolute { context, joints, contacts }, *t, y, h)?,
         }
         self.t += h;
@@ -246,8 +246,8 @@ impl Twin {
                 multipliers = Some(solution.multipliers);
                 (motion, solution.reactions, solution.socket_force)
             }
-            Form::Axes => {
-                let (motion, sockets) = Axes { context }.evaluate(*t, y)?;
+            Form::Axes(work) => {
+                let (motion, sockets) = Axes { context, work }.evaluate(*t, y)?;
                 (motion, context.scratch.answer.reactions, sockets)
             }
         };
@@ -273,7 +273,7 @@ impl Twin {
         match &self.form {
             Form::Assembled(mechanism, _) => assembled::motion(mechanism, &self.y),
             Form::Absolute(joints) => joints.motion(&self.context.plant, &self.y),
-            Form::Axes => self.context.in_drives(&self.y),
+            Form::Axes(_) => self.context.in_drives(&self.y),
         }
     }
 
@@ -294,7 +294,7 @@ impl Twin {
         let context = &mut self.context;
         let motion = match &self.form {
             Form::Assembled(mechanism, _) => assembled::motion(mechanism, &self.y),
-            Form::Axes => context.in_drives(&self.y),
+            Form::Axes(_) => context.in_drives(&self.y),
             Form::Absolute(_) => return Ok(()),
         };
         let mut joints = Joints::new(&context.plant);
@@ -392,7 +392,7 @@ impl Twin {
         let balance = self.energy_balance();
         let rates = match &self.form {
             Form::Assembled(..) => assembled::RATES,
-            Form::Axes => axes::RATES,
+            Form::Axes(_) => axes::RATES,
             Form::Absolute(joints) => {
                 joints.stop(&mut self.y);
                 0..0
@@ -421,7 +421,7 @@ impl Twin {
                     joints.close(&self.context.plant, &mut self.y, self.context.closed)?;
                 }
             }
-            Form::Axes => {
+            Form::Axes(_) => {
                 if let Some(motion) = moved {
                     self.y[axes::RATES].copy_from_slice(&motion.qd);
                 }
@@ -471,7 +471,7 @@ impl Twin {
     /// Encoder angles (motor side), rad.
     pub fn encoders(&self) -> [f64; AXES] {
         let q = match &self.form {
-            Form::Assembled(..) | Form::Axes => [self.y[0], self.y[1], self.y[2], self.y[3]],
+            Form::Assembled(..) | Form::Axes(_) => [self.y[0], self.y[1], self.y[2], self.y[3]],
             Form::Absolute(joints) => joints.coordinates(&self.y),
         };
         self.context.forces.encoders(&self.context.plant, &self.y[self.context.layout.own()], &q)
@@ -492,7 +492,7 @@ impl Twin {
         let stretch = match &self.form {
             Form::Assembled(mechanism, _) => mechanism.stretch_energy(&self.context.plant, motion),
             Form::Absolute(joints) => joints.stretch_energy(&self.context.plant, motion, &self.y),
-            Form::Axes => 0.0,
+            Form::Axes(_) => 0.0,
         };
         energy::total(&self.context.plant, motion) + stretch
     }
