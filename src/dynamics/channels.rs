@@ -197,7 +197,7 @@ struct AnyPlate {
     rates: [Closed; MAX_LIMBS],
     parts: [PartPlace; MAX_PARTS],
     bodies: &'static [usize],
-    gaps: Option<PlateMotions>,
+    gaps: Option<Box<PlateMotions>>,
 }
 
 impl AnyPlate {
@@ -207,7 +207,7 @@ impl AnyPlate {
             rates: geometry.rates_per_drive(motion)?,
             parts: std::array::from_fn(|k| geometry.plate.part(k).at(psi)),
             bodies: geometry.plate.bodies(),
-            gaps: if with_struts { Some(PlateMotions::new(geometry, motion)?) } else { None },
+            gaps: if with_struts { Some(Box::new(PlateMotions::new(geometry, motion)?)) } else { None },
         })
     }
 

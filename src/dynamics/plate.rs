@@ -8,7 +8,8 @@
 //!
 //! [`Plate::freedoms`]: crate::machine::Plate::freedoms
 
-use nalgebra::{SMatrix, SVector, Vector3};
+use arrayvec::ArrayVec;
+use nalgebra::{Cholesky, SMatrix, SVector, U8, Vector3};
 
 use super::channels::{STILL, Twist};
 use crate::kinematics::{KinematicsError, Motion};
@@ -21,17 +22,26 @@ type Square = SMatrix<f64, MAX_STRUTS, MAX_STRUTS>;
 /// Rates of, or loads on, the coordinates; the ones after the last are zero.
 pub(super) type Coordinates = SVector<f64, MAX_STRUTS>;
 
+/// Per coordinate the twists of the parts.
+type Twists = ArrayVec<[Twist; MAX_PARTS], MAX_STRUTS>;
+
+/// What inverts the gap rates of the coordinates.
+enum Inverse {
+    /// G⁻¹ of as many coordinates as struts.
+    Exact(Square),
+    /// Root of GᵀG, with ones for the coordinates after the last.
+    Least(Cholesky<f64, U8>),
+}
+
 /// Virtual motions of plate and passive arms at one pose.
 pub(super) struct PlateMotions {
     bodies: &'static [usize],
-    /// Per coordinate the twists of the parts.
-    twists: Vec<[Twist; MAX_PARTS]>,
+    twists: Twists,
     /// Gap rate at each strut per rate of its arm, negated: velocity of the upper ball along the strut.
     pub lever: [f64; MAX_STRUTS],
     /// Limbs with a passive arm.
     passive: std::ops::Range<usize>,
-    /// Rates of the coordinates (rows) per gap rate at each strut (columns), (GᵀG)⁻¹Gᵀ.
-    inverse: Square,
+    inverse: Inverse,
     /// Gap rates at each strut (rows) per rate of the coordinates (columns), G.
     gaps: Square,
 }
@@ -48,7 +58,7 @@ pub(crate) fn without_prestress(
 ) -> Result<[f64; MAX_STRUTS], KinematicsError> {
     let plate = PlateMotions::new(geometry, motion)?;
     let tensions = SVector::from(*lower);
-    let added = plate.inverse.tr_mul(&plate.gaps.tr_mul(&tensions)) - tensions;
+    let added = plate.forces(&plate.gaps.tr_mul(&tensions)) - tensions;
     Ok(added.into())
 }
 
@@ -62,8 +72,9 @@ impl PlateMotions {
         let passive = motion.driven..motion.limbs;
         let mut twists = of_parts(geometry, motion);
         let own = twists.len();
+        let singular = || KinematicsError::Singular { q: motion.q[..motion.driven].into() };
         if !passive.is_empty() {
-            twists.push([STILL; MAX_PARTS]);
+            twists.try_push([STILL; MAX_PARTS]).map_err(|_| singular())?;
         }
         let part = |body: usize| bodies.iter().position(|&b| b == body).unwrap_or(0);
         let (mut gaps, mut lever) = (Square::zeros(), [0.0; MAX_STRUTS]);
@@ -81,20 +92,30 @@ impl PlateMotions {
             }
         }
         let count = twists.len();
-        let singular = || KinematicsError::Singular { q: motion.q[..motion.driven].into() };
         (count <= motion.struts()).then_some(()).ok_or_else(singular)?;
         let mut normal = gaps.tr_mul(&gaps);
         (count..MAX_STRUTS).for_each(|c| normal[(c, c)] = 1.0);
         let inverse = match count == MAX_STRUTS {
-            true => gaps.try_inverse(),
-            false => normal.cholesky().map(|root| root.solve(&gaps.transpose())),
+            true => gaps.try_inverse().map(Inverse::Exact),
+            false => normal.cholesky().map(Inverse::Least),
         };
         Ok(Self { bodies, twists, lever, passive, inverse: inverse.ok_or_else(singular)?, gaps })
     }
 
     /// Rates of the coordinates per unit gap at strut `s` while the drives are locked.
     pub fn gap(&self, s: usize) -> Coordinates {
-        self.inverse.column(s).into_owned()
+        match &self.inverse {
+            Inverse::Exact(inverse) => inverse.column(s).into_owned(),
+            Inverse::Least(root) => root.solve(&self.gaps.row(s).transpose()),
+        }
+    }
+
+    /// Axial forces at the lower balls, N, for loads on the coordinates.
+    fn forces(&self, loads: &Coordinates) -> Coordinates {
+        match &self.inverse {
+            Inverse::Exact(inverse) => inverse.tr_mul(loads),
+            Inverse::Least(root) => self.gaps * root.solve(loads),
+        }
     }
 
     /// Writes the twists of the parts of the plate, and the rates of passive arms, at rates of the coordinates.
@@ -123,16 +144,16 @@ impl PlateMotions {
         if !self.passive.is_empty() {
             loads[self.twists.len() - 1] += arms[self.passive.clone()].iter().sum::<f64>();
         }
-        self.inverse.tr_mul(&loads)
+        self.forces(&loads)
     }
 }
 
 /// Twists of the parts of the plate per coordinate: three translations, three rotations about the origin of the first part,
 /// then the inner freedoms.
-fn of_parts(geometry: &Geometry, motion: &Motion) -> Vec<[Twist; MAX_PARTS]> {
+fn of_parts(geometry: &Geometry, motion: &Motion) -> Twists {
     let bodies = geometry.plate.bodies();
     let origin = motion.bodies[PLATFORM].position;
-    let mut all = Vec::with_capacity(MAX_STRUTS);
+    let mut all = Twists::new();
     let unit = |k: usize| Vector3::from_fn(|i, _| f64::from(u8::from(i == k)));
     all.extend((0..3).map(|k| [(unit(k), Vector3::zeros()); MAX_PARTS]));
     for axis in (0..3).map(unit) {

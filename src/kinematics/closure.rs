@@ -101,8 +101,10 @@ impl Geometry {
             self.limbs.iter().zip(pairs).for_each(|(limb, pair)| pair.offset = limb.point);
             return;
         }
-        let places = [0, 1].map(|part| self.plate.part(part).at(psi));
-        self.limbs.iter().zip(pairs).for_each(|(limb, pair)| *pair = Pair::on(limb, &places[limb.part]));
+        let (first, second) = (self.plate.part(0).at(psi), self.plate.part(1).at(psi));
+        for (limb, pair) in self.limbs.iter().zip(pairs) {
+            *pair = Pair::on(limb, if limb.part == 0 { &first } else { &second });
+        }
     }
 
     /// Number of driven limbs.
@@ -451,9 +453,11 @@ impl Rows {
 
     /// Its sign distinguishes assemblies.
     fn determinant(&self) -> f64 {
-        match self.limbs == self.unknowns {
-            true => self.padded(self.matrix).determinant(),
-            false => self.padded(self.matrix.tr_mul(&self.matrix)).determinant(),
-        }
+        let square = if self.limbs == self.unknowns { self.matrix } else { self.matrix.tr_mul(&self.matrix) };
+        let matrix = self.padded(square);
+        let row = |i: usize| matrix.fixed_view::<1, 3>(i % 4, 0).transpose();
+        // Along the last column; the three rows after one, cyclically, are an even permutation of the rows that are left.
+        let cofactor = |i: usize| row(i + 1).dot(&row(i + 2).cross(&row(i + 3)));
+        (0..4).map(|i| if i % 2 == 0 { -1.0 } else { 1.0 } * matrix[(i, 3)] * cofactor(i)).sum()
     }
 }

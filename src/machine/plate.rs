@@ -3,6 +3,7 @@
 //! Every part of a plate translates with the plate's origin p and depends on the plate's own coordinate ψ alone: the origin of
 //! part k is p + f + R(ψ)·t + ψ·s, and it turns by ψ about the vertical or not at all. The end effector is the part that turns.
 
+use arrayvec::ArrayVec;
 use nalgebra::{Matrix3, Vector3};
 
 use super::bodies::{END_EFFECTOR, LINK, PLATFORM, SECOND_PLATFORM};
@@ -160,16 +161,16 @@ impl Plate {
     /// origin (m per unit) and its angular velocity about z (rad per unit), in the order of [`Self::bodies`].
     ///
     /// The bars of Par4 and the halves of I4 stay parallel, so that they have one, ψ. Each lateral bar of H4 turns on its own.
-    pub fn freedoms(&self, psi: f64) -> Vec<[(Vector3<f64>, f64); MAX_PARTS]> {
+    pub fn freedoms(&self, psi: f64) -> ArrayVec<[(Vector3<f64>, f64); MAX_PARTS], 2> {
         let mut one = [(Vector3::zeros(), 0.0); MAX_PARTS];
         match self {
-            Self::Rigid => Vec::new(),
+            Self::Rigid => ArrayVec::new(),
             Self::Par4 { .. } | Self::I4 { .. } => {
                 for (k, motion) in one.iter_mut().enumerate().take(self.bodies().len()) {
                     let place = self.part(k).at(psi);
                     *motion = (place.slope, place.turning);
                 }
-                vec![one]
+                std::iter::once(one).collect()
             }
             Self::H4 { .. } => {
                 let bar = |k: usize| {
@@ -177,7 +178,7 @@ impl Plate {
                     motion[k].1 = 1.0;
                     motion
                 };
-                vec![bar(0), bar(1)]
+                ArrayVec::from([bar(0), bar(1)])
             }
         }
     }

@@ -6,11 +6,12 @@
 //! Of an assembled one, with ξ the twists of all bodies per unit rate of each drive, M_b their inertias and w the applied
 //! minus the inertial wrenches at q̈ = 0, (Σ ξᵀ M_b ξ)·q̈ = τ + Σ ξᵀ w.
 
-use nalgebra::{Cholesky, U4, Vector3, Vector4};
+use nalgebra::{Matrix4, Vector3, Vector4};
 
 use super::SingularPose;
 use super::context::Context;
 use super::integrator::{Stage, System};
+use super::wrench::STILL;
 use crate::dynamics::{ChannelMap, Plant, Twist, balance, ball_forces, rigid_wrenches};
 use crate::effects::ActiveEffect;
 use crate::kinematics::motion::MAX_SOCKETS;
@@ -27,19 +28,41 @@ const PLATE: std::ops::Range<usize> = RATES.end..RATES.end + Closed::LENGTH;
 /// Number of angles, rates and coordinates of the plate.
 pub(super) const LENGTH: usize = PLATE.end;
 
-/// The last motion, and the virtual motions of the drives there.
+/// The machine at the state of the last evaluation, as far as its poses and rates determine it.
 pub(super) struct Work {
+    /// Without accelerations.
     motion: Motion,
+    /// Rates of plate and passive arms.
+    plate: Closed,
+    /// Virtual motions of the drives.
     drives: ChannelMap,
+    /// Mass matrix of the drives.
+    mass: Matrix4<f64>,
+    /// Weight minus inertial wrench of every body.
+    rigid: [Twist; SLOTS],
+    /// Whether the state is still the one of the last evaluation: the step that starts from it shares the work.
+    fresh: bool,
     /// Whether a law depends on the forces of the struts.
     loaded: bool,
 }
 
 impl Work {
     pub fn new(plant: &Plant) -> Self {
-        let drives = ChannelMap::without_motion(&Channel::of_drives(plant.mechanism));
         let reads = |a: &ActiveEffect| a.effect.spec().reads.reactions || a.states_read_reactions();
-        Self { motion: Motion::REST, drives, loaded: plant.assembled && plant.effects.iter().any(reads) }
+        Self {
+            motion: Motion::REST,
+            plate: Closed::default(),
+            drives: ChannelMap::without_motion(&Channel::of_drives(plant.mechanism)),
+            mass: Matrix4::zeros(),
+            rigid: [STILL; SLOTS],
+            fresh: false,
+            loaded: plant.assembled && plant.effects.iter().any(reads),
+        }
+    }
+
+    /// Marks the last evaluation as one of another state or machine.
+    pub fn invalidate(&mut self) {
+        self.fresh = false;
     }
 }
 
@@ -95,30 +118,29 @@ fn total(plant: &Plant, motion: &Motion, applied: &[Twist; SLOTS]) -> [Twist; SL
 }
 
 impl Work {
-    /// Sets the motion at a state, without accelerations; returns the rates of plate and passive arms.
+    /// Sets everything at a state.
     ///
     /// # Errors
     /// [`SingularPose`] if the struts reach no common plate.
-    fn place(&mut self, plant: &Plant, y: &[f64]) -> Result<Closed, SingularPose> {
-        let near = Closed::of(&y[PLATE]);
-        plant.set_motion_near(&joints(y), Some(&near), &mut self.motion).map_err(|_| SingularPose)
+    fn place(&mut self, plant: &Plant, y: &[f64]) -> Result<(), SingularPose> {
+        if self.fresh {
+            return Ok(());
+        }
+        let (near, geometry) = (Closed::of(&y[PLATE]), &plant.geometry);
+        self.plate = plant.set_motion_near(&joints(y), Some(&near), &mut self.motion).map_err(|_| SingularPose)?;
+        self.drives.set(geometry, &self.motion, plant.assembled).map_err(|_| SingularPose)?;
+        self.mass = self.drives.mass(&plant.bodies, &self.motion);
+        (self.drives.channels.len()..AXES).for_each(|axis| self.mass[(axis, axis)] = 1.0);
+        self.rigid = rigid_wrenches(plant, &self.motion);
+        Ok(())
     }
 
-    /// The motion with these accelerations of the drives, whose virtual motions were set.
+    /// The motion with these accelerations of the drives.
     fn moving(&self, qdd: [f64; AXES]) -> Motion {
         let mut moving = self.motion;
         moving.qdd = qdd;
         self.drives.accelerate(&mut moving, &qdd);
         moving
-    }
-
-    /// Mass matrix of the drives with implicit terms.
-    fn mass(&self, plant: &Plant, implicit: &Implicit) -> Result<Cholesky<f64, U4>, SingularPose> {
-        let mut mass = self.drives.mass(&plant.bodies, &self.motion);
-        for (axis, (added, _)) in implicit.iter().enumerate() {
-            mass[(axis, axis)] += if axis < self.drives.channels.len() { *added } else { 1.0 };
-        }
-        mass.cholesky().ok_or(SingularPose)
     }
 }
 
@@ -127,16 +149,16 @@ impl Axes<'_> {
     /// if no law depends on them.
     fn solve(&mut self, t: f64, y: &[f64], implicit: &Implicit, complete: bool) -> Result<[f64; AXES], SingularPose> {
         let Self { context, work } = self;
-        let torque = context.torque.at(t);
+        let (work, torque) = (&**work, context.torque.at(t));
         let with_bodies = context.forces.read_accelerations();
-        let plant = &context.plant;
-        work.drives.set(&plant.geometry, &work.motion, plant.assembled).map_err(|_| SingularPose)?;
-        let (mass, work) = (work.mass(plant, implicit)?, &**work);
         let axes = work.drives.channels.len();
-        let rigid = rigid_wrenches(plant, &work.motion);
+        let mut mass = work.mass;
+        (0..axes).for_each(|axis| mass[(axis, axis)] += implicit[axis].0);
+        let mass = mass.cholesky().ok_or(SingularPose)?;
         context.solve(t, y, &work.motion, |plant, applied, answer| {
             let mut load = Vector4::zeros();
-            for (body, ((force, moment), own)) in applied.iter().zip(&rigid).enumerate().take(work.motion.slots()) {
+            for (body, ((force, moment), own)) in applied.iter().zip(&work.rigid).enumerate().take(work.motion.slots())
+            {
                 let (force, moment) = (force + own.0, moment + own.1);
                 (0..axes).for_each(|c| load[c] -= work.drives.project(c, body, &force, &moment));
             }
@@ -165,6 +187,7 @@ impl Axes<'_> {
         self.work.place(&self.context.plant, y)?;
         self.context.prepare(t, y, &self.work.motion);
         let qdd = self.solve(t, y, &Implicit::default(), true)?;
+        self.work.fresh = true;
         let moving = self.work.moving(qdd);
         let Context { plant, scratch, .. } = &*self.context;
         let sockets = match plant.assembled {
@@ -191,7 +214,11 @@ impl Axes<'_> {
 impl System for Axes<'_> {
     fn stage(&mut self, stage: &Stage, k: &mut [f64]) -> Result<(), SingularPose> {
         let Stage { t, y, sum, g, first } = *stage;
-        let plate = self.work.place(&self.context.plant, y)?;
+        if !first {
+            self.work.invalidate();
+        }
+        self.work.place(&self.context.plant, y)?;
+        self.work.invalidate();
         self.context.prepare(t, y, &self.work.motion);
         let implicit = if g > 0.0 {
             if first {
@@ -204,7 +231,7 @@ impl System for Axes<'_> {
         k[..AXES].copy_from_slice(&self.work.motion.qd);
         let qdd = self.solve(t, y, &implicit, false)?;
         k[RATES].copy_from_slice(&qdd);
-        k[PLATE].copy_from_slice(&plate.coordinates());
+        k[PLATE].copy_from_slice(&self.work.plate.coordinates());
         let motion = &mut self.work.motion;
         motion.qdd = qdd;
         self.context.rest_of_stage(stage, motion, 0.0, k);

@@ -263,8 +263,10 @@ impl Twin {
 
     /// Invalidates the last evaluation.
     fn invalidate(&mut self) {
-        if let Form::Assembled(_, cache) = &mut self.form {
-            cache.invalidate();
+        match &mut self.form {
+            Form::Assembled(_, cache) => cache.invalidate(),
+            Form::Axes(work) => work.invalidate(),
+            Form::Absolute(_) => {}
         }
     }
 
