@@ -2,6 +2,7 @@
 
 use crate::common::{model, planned};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
+use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::fit::Options;
 use deltatwin::identification::{Dataset, NoiseLevel, fit, limb_test, predict};
 use deltatwin::kinematics::{JointState, PlatformState};
@@ -366,6 +367,55 @@ fn twins_of_relatives_follow_their_motion() {
         println!("{name}: {error:.1e} rad, energy {:.1e}, {:.0} N", report.energy_error, report.peak_strut_force);
         assert!(error < 1e-3 && report.energy_closes(), "{name}: {error} {}", report.energy_error);
         assert!(report.peak_strut_force > 20.0 && recording.signals.len() > 500);
+    }
+}
+
+/// Gears of other numbers of arms give way: both formulations agree, every encoder leads its arm, the run keeps account of its
+/// energy, and the torques follow from what the encoders read.
+#[test]
+fn gears_of_relatives_give_way() {
+    for name in ["par4", "par2"] {
+        let rigid = model(name);
+        let arms = rigid.mechanism.arms();
+        let mut elastic = rigid.clone();
+        let gears = [vec![8e-5; arms], vec![20.0], vec![0.07], vec![0.0]];
+        let gears: Vec<&[f64]> = gears.iter().map(Vec::as_slice).collect();
+        elastic.effects.push(ActiveEffect::new(find("drive_elasticity").unwrap(), &gears));
+        let setup = Setup::default();
+        let believed = Plant::new(&rigid, &setup);
+        let desired = |t: f64| smooth(&believed, t);
+        let run = |robot: &Model, formulation: Formulation, duration: f64, substeps: usize| {
+            let mut options = deltatwin::twin::Options { duration, formulation, substeps, ..Default::default() };
+            options.sensors.links = true;
+            deltatwin::twin::simulate(robot, &setup, &believed, &desired, &options, &mut |_| true).unwrap()
+        };
+        let [closed, free] =
+            [Formulation::Eliminated, Formulation::Absolute].map(|f| run(&elastic, f, 0.02, 32).0.signals);
+        for (channel, values) in closed.series() {
+            let apart = values.iter().zip(&free[channel]).map(|(a, b)| (a - b).abs() / (1.0 + a.abs()));
+            let worst = apart.fold(0.0, f64::max);
+            assert!(worst < 1e-7, "{name}: {worst:e} in {channel}");
+        }
+        let (recording, report) = run(&elastic, Formulation::Eliminated, 2.0, 2);
+        assert!(report.energy_closes(), "{name}: {}", report.energy_error);
+        for axis in 0..arms {
+            let [motor, link] = [Channel::Angle(axis), Channel::LinkAngle(axis)].map(|c| &recording.signals[c]);
+            let lead = motor.iter().zip(link).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(lead > 1e-4 && lead < 1e-2, "{name}, axis {}: {lead:e} rad", axis + 1);
+        }
+        let rms = |robot: &Model, dataset: &Dataset| {
+            let seen = predict(&Plant::new(robot, &setup), dataset).unwrap();
+            let squares =
+                (0..arms).flat_map(|c| seen[c].iter().zip(&dataset.measured[c]).map(|(a, b)| (a - b).powi(2)));
+            (squares.sum::<f64>() / (arms * dataset.len()) as f64).sqrt()
+        };
+        let plain = Dataset::new(&run(&rigid, Formulation::Eliminated, 2.0, 2).0);
+        let dataset = Dataset::new(&recording);
+        let (least, left, without) = (rms(&rigid, &plain), rms(&elastic, &dataset), rms(&rigid, &dataset));
+        println!("{name}: {least:.4} N·m on a rigid robot, {left:.4} on this one, {without:.4} if it were rigid");
+        // What is left on both is the error of the differentiated angles.
+        let beyond = |rms: f64| (rms * rms - least * least).max(0.0).sqrt();
+        assert!(beyond(left) < 0.1 * beyond(without), "{name}: {least} {left} {without}");
     }
 }
 

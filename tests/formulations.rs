@@ -128,7 +128,12 @@ fn every_effect_runs_both_ways() {
 
 /// Gears of 2.5e4 N·m/rad with a damping of 20 N·m·s/rad, rotors of that inertia, kg·m², and friction on the motors' side.
 fn gears(rotor: f64) -> ActiveEffect {
-    ActiveEffect::new(find("drive_elasticity").unwrap(), &[&[4e-5; 3], &[20.0], &[rotor], &[1.0]])
+    gears_of(3, rotor)
+}
+
+/// [`gears`] of a robot with so many arms.
+fn gears_of(arms: usize, rotor: f64) -> ActiveEffect {
+    ActiveEffect::new(find("drive_elasticity").unwrap(), &[&vec![4e-5; arms], &[20.0], &[rotor], &[1.0]])
 }
 
 #[test]
@@ -186,6 +191,7 @@ fn multipliers_and_links_are_read_back_from_both_formats() {
 /// Angle, deflection of the gear and their rates of an arm between a motor with friction and gravity: J·(q̈ + δ̈) =
 /// τ − c·tanh(100·ω) − d·ω − T with ω = q̇ + δ̇, Θ·q̈ = T + g·(h_x·cos q + h_z·sin q), T = δ/C + D·δ̇.
 struct TwoMasses {
+    rotor: f64,
     theta: f64,
     h: [f64; 2],
     friction: [f64; 2],
@@ -196,7 +202,7 @@ impl TwoMasses {
         let (rate, transmitted) = (qd + deltad, delta / 4e-5 + 20.0 * deltad);
         let friction = self.friction[0] * (100.0 * rate).tanh() + self.friction[1] * rate;
         let arm = (transmitted + 9.81 * (self.h[0] * q.cos() + self.h[1] * q.sin())) / self.theta;
-        [qd, deltad, arm, (torque - friction - transmitted) / 0.18 - arm]
+        [qd, deltad, arm, (torque - friction - transmitted) / self.rotor - arm]
     }
 
     /// Classical Runge–Kutta at 2 µs to `t`.
@@ -216,33 +222,39 @@ impl TwoMasses {
 
 #[test]
 fn friction_at_the_motor_is_that_of_two_masses_with_a_spring() {
-    let mut model = common::model("irb360-6-1600-disassembled");
-    model.effects.push(gears(0.18));
-    let plant = Plant::new(&model, &Setup::default());
-    let body = &plant.bodies[0];
-    let friction = model.effects.iter().find(|a| a.effect.name() == "drive_friction").unwrap();
-    let masses = TwoMasses {
-        theta: body.tensor[(1, 1)],
-        h: [body.first_moment.x, body.first_moment.z],
-        friction: [friction.values[0], friction.values[4]],
-    };
-    let joints = JointState { q: [0.2; 4], qd: [-0.5; 4], ..JointState::default() };
-    for formulation in [Formulation::Eliminated, Formulation::Absolute] {
-        for (step, allowed) in [(2e-4, 2e-5), (2.5e-5, 5e-7)] {
-            let mut twin = Twin::formulated(plant.clone(), &plant.motion(&joints).unwrap(), formulation).unwrap();
-            let mut worst = 0f64;
-            for k in 1..=50 {
-                for _ in 0..(2e-3_f64 / step).round() as usize {
-                    twin.step(step, &Torque::constant([12.0, 0.0, 0.0, 0.0])).unwrap();
+    let mut four = common::model("par4");
+    four.assembled = false;
+    for (mut model, rotor, arms, arm) in [(common::model("irb360-6-1600-disassembled"), 0.18, 3, 0), (four, 0.07, 4, 3)]
+    {
+        model.effects.push(gears_of(arms, rotor));
+        let plant = Plant::new(&model, &Setup::default());
+        let body = &plant.bodies[deltatwin::machine::bodies::arm(arm)];
+        let friction = model.effects.iter().find(|a| a.effect.name() == "drive_friction").unwrap();
+        let masses = TwoMasses {
+            rotor,
+            theta: body.tensor[(1, 1)],
+            h: [body.first_moment.x, body.first_moment.z],
+            friction: [friction.values[arm], friction.values[4 + arm]],
+        };
+        let joints = JointState { q: [0.2; 4], qd: [-0.5; 4], ..JointState::default() };
+        let torque = Torque::constant(std::array::from_fn(|i| if i == arm { 12.0 } else { 0.0 }));
+        for formulation in [Formulation::Eliminated, Formulation::Absolute] {
+            for (step, allowed) in [(2e-4, 2e-5), (2.5e-5, 5e-7)] {
+                let mut twin = Twin::formulated(plant.clone(), &plant.motion(&joints).unwrap(), formulation).unwrap();
+                let mut worst = 0f64;
+                for k in 1..=50 {
+                    for _ in 0..(2e-3_f64 / step).round() as usize {
+                        twin.step(step, &torque).unwrap();
+                    }
+                    let expected = masses.run([0.2, 0.0, -0.5, 0.0], 12.0, 2e-3 * f64::from(k));
+                    let seen = twin.evaluate(&torque).unwrap();
+                    worst = worst.max((twin.encoders()[arm] - expected[0] - expected[1]).abs());
+                    worst = worst.max((seen.motion.q[arm] - expected[0]).abs());
+                    worst = worst.max((seen.encoder_rate[arm] - expected[2] - expected[3]).abs() / 100.0);
                 }
-                let expected = masses.run([0.2, 0.0, -0.5, 0.0], 12.0, 2e-3 * f64::from(k));
-                let seen = twin.evaluate(&Torque::constant([12.0, 0.0, 0.0, 0.0])).unwrap();
-                worst = worst.max((twin.encoders()[0] - expected[0] - expected[1]).abs());
-                worst = worst.max((seen.motion.q[0] - expected[0]).abs());
-                worst = worst.max((seen.encoder_rate[0] - expected[2] - expected[3]).abs() / 100.0);
+                println!("{}, {formulation:?}, {:.0} µs: {worst:.1e} rad", model.name, 1e6 * step);
+                assert!(worst < allowed, "{} {formulation:?} {step}: {worst:e}", model.name);
             }
-            println!("{formulation:?}, {:.0} µs: {worst:.1e} rad", 1e6 * step);
-            assert!(worst < allowed, "{formulation:?} {step}: {worst:e}");
         }
     }
 }

@@ -9,7 +9,7 @@ use deltatwin::kinematics::{JointState, KinematicsError, Motion, PlatformState, 
 use deltatwin::machine::bodies::{
     BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
 };
-use deltatwin::machine::{Geometry, MAX_STRUTS, Part, Payload, Setup};
+use deltatwin::machine::{AXES, Geometry, MAX_STRUTS, Part, Payload, Setup};
 use deltatwin::model::Model;
 use deltatwin::recording::Channel;
 use deltatwin::recording::Signals;
@@ -528,19 +528,19 @@ fn elastic_drives_keep_account_of_their_energy() {
     let torque = |t: f64| 30.0 * (90.0 * t).sin() + 20.0;
     let reactions = Reactions::default();
     let rate = |t: f64, x: &[f64]| {
-        let (mut rate, mut slope) = (vec![0.0; 6], vec![0.0; 6]);
+        let (mut rate, mut slope) = (vec![0.0; x.len()], vec![0.0; x.len()]);
         let motion = arms_alone(&plant, arm(t));
         let at = instant(&plant, &motion, &reactions, [torque(t); 4], x);
         active.state_rate(&at, &mut rate, &mut slope);
         rate
     };
     let moved = |x: &[f64], r: &[f64], h: f64| -> Vec<f64> { x.iter().zip(r).map(|(x, r)| x + h * r).collect() };
-    let stored = |t: f64, x: &[f64]| 0.5 * rotor * (arm(t).qd[0] + x[3]).powi(2) + 0.5 * x[0] * x[0] / c;
+    let stored = |t: f64, x: &[f64]| 0.5 * rotor * (arm(t).qd[0] + x[AXES]).powi(2) + 0.5 * x[0] * x[0] / c;
     // Power of the drive less that of the damper and that given to the arm, with the effect's own torque on the arm.
     let power = |t: f64, x: &[f64]| {
         let joints = arm(t);
         let given = torque(t) + drive_torques(&plant, &active, &arms_alone(&plant, joints), [torque(t); 4], x)[0];
-        torque(t) * (joints.qd[0] + x[3]) - d * x[3] * x[3] - given * joints.qd[0]
+        torque(t) * (joints.qd[0] + x[AXES]) - d * x[AXES] * x[AXES] - given * joints.qd[0]
     };
     let mut x = active.initial_state();
     let h = 1e-5;
@@ -552,10 +552,10 @@ fn elastic_drives_keep_account_of_their_energy() {
         let middle = moved(&x, &b, 0.5 * h);
         let c = rate(t + 0.5 * h, &middle);
         let e = rate(t + h, &moved(&x, &c, h));
-        let next: Vec<f64> = (0..6).map(|i| x[i] + h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + e[i])).collect();
+        let next: Vec<f64> = (0..x.len()).map(|i| x[i] + h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + e[i])).collect();
         let parts = [power(t, &x), power(t + 0.5 * h, &middle), power(t + h, &next)];
         work += h / 6.0 * (parts[0] + 4.0 * parts[1] + parts[2]);
-        paid += h * (torque(t) * (arm(t).qd[0] + x[3])).abs();
+        paid += h * (torque(t) * (arm(t).qd[0] + x[AXES])).abs();
         x = next;
     }
     let gap = stored(0.3, &x) - start - work;

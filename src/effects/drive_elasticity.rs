@@ -5,14 +5,14 @@ use super::{
     Unit, Values, Wrenches,
 };
 use crate::machine::Payload;
-use crate::machine::bodies::{ARM, Inertia};
-use crate::machine::{ARMS, AXES, Mechanism};
+use crate::machine::bodies::{ARM, Inertia, arm};
+use crate::machine::{AXES, Mechanism};
 
 /// Spring and damper in the gear: the torque on the arm is δ/c + d·δ̇ instead of τ, that on the rotor τ − δ/c − d·δ̇.
 ///
 /// All at the gear output: δ in rad, motor side minus arm, positive if the motor leads; c in rad/(N·m); d in N·m·s/rad;
 /// rotor inertia J in kg·m², the part of the arm's Θ_yy that moves with the motor: J·(q̈ + δ̈) = τ − δ/c − d·δ̇. The
-/// internal states are δ₁…δ₃, δ̇₁…δ̇₃; a simulation starts in equilibrium, δ = c·(τ − J·q̈). After a torque step an arm
+/// internal states are δ₁…δ₄, δ̇₁…δ̇₄, of a telescope's drive zero; a simulation starts in equilibrium, δ = c·(τ − J·q̈). After a torque step an arm
 /// oscillates at √(1/(c·J) + 1/(c·Θ)), 80 Hz, with a damping ratio of 1/5, for about 50 ms. Forces on the drives,
 /// mainly friction, act on the arm, or with `friction_at_motor` = 1 on the rotor; the twin implements the arm side
 /// only.
@@ -40,6 +40,8 @@ fn elastic<'a>(values: &Values<'a>) -> impl Iterator<Item = (usize, f64)> + use<
 
 /// Share of a single axis' inertia on the motor side, estimated.
 const MOTOR_SHARE: f64 = 0.4;
+/// Share of an arm's inertia about its shaft on the motor side, that of the reference machine.
+const ARM_SHARE: f64 = 0.7;
 
 /// An elastic gear: the encoder leads the joint by compliance times transmitted torque, apart from damping.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -90,8 +92,10 @@ static SPEC: Spec = Spec::new(
 
 fn constant(parameter: &str, model: &MachineView) -> Option<f64> {
     match model.mechanism {
-        Mechanism::Axis(_) if parameter == "rotor_inertia" => Some(MOTOR_SHARE * model.bodies[ARM].tensor[(1, 1)]),
-        _ => None,
+        _ if parameter != "rotor_inertia" => None,
+        Mechanism::Axis(_) => Some(MOTOR_SHARE * model.bodies[ARM].tensor[(1, 1)]),
+        Mechanism::Delta { .. } if model.mechanism.is_delta() => None,
+        Mechanism::Delta { .. } => Some(ARM_SHARE * model.bodies[ARM].tensor[(1, 1)]),
     }
 }
 
@@ -105,7 +109,7 @@ impl Effect for DriveElasticity {
         for (i, c) in elastic(values) {
             out(
                 values.index(COMPLIANCE, i),
-                ARM + i,
+                arm(i),
                 Inertia::diagonal(0.0, [0.0; 3], [0.0, rotor, rotor]) * (-1.0 / c),
             );
         }
@@ -113,7 +117,7 @@ impl Effect for DriveElasticity {
 
     fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         for (i, c) in elastic(values) {
-            let transmitted = at.state[i] / c + values.one(DAMPING) * at.state[ARMS + i];
+            let transmitted = at.state[i] / c + values.one(DAMPING) * at.state[AXES + i];
             out.drive_torque(values.index(COMPLIANCE, i), i, (transmitted - at.torque[i]) / c);
         }
     }
@@ -140,15 +144,15 @@ impl Effect for DriveElasticity {
 
 impl InternalStates for DriveElasticity {
     fn initial_state(&self, _values: &Values) -> Vec<f64> {
-        vec![0.0; 2 * ARMS]
+        vec![0.0; 2 * AXES]
     }
 
     fn state_rate(&self, values: &Values, at: &Instant, rate: &mut [f64], _slope: &mut [f64]) {
         let (damping, rotor) = (values.one(DAMPING), values.one(ROTOR_INERTIA));
         for (i, c) in elastic(values) {
-            let transmitted = at.state[i] / c + damping * at.state[ARMS + i];
-            rate[i] = at.state[ARMS + i];
-            rate[ARMS + i] = (at.torque[i] - transmitted) / rotor - at.motion.qdd[i];
+            let transmitted = at.state[i] / c + damping * at.state[AXES + i];
+            rate[i] = at.state[AXES + i];
+            rate[AXES + i] = (at.torque[i] - transmitted) / rotor - at.motion.qdd[i];
         }
     }
 }
@@ -191,10 +195,10 @@ mod tests {
     fn spring_and_damper_replace_the_drive_torque() {
         // δ = 1 mrad at 2.5e4 N·m/rad: 25 N·m; δ̇ = 0.1 rad/s: 2 N·m; the drive's 10 N·m goes to the rotor.
         let active = active();
-        let state = [1e-3, 0.0, 0.0, 0.1, 0.0, 0.0];
+        let state = [1e-3, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0];
         let mut motion = testing::still();
         motion.qdd = [30.0; 4];
-        let mut rate = [0.0; 6];
+        let mut rate = [0.0; 8];
         let mut torque = 0.0;
         testing::at(&motion, &state, |at| {
             let at = &Instant { torque: [10.0; 4], ..*at };
@@ -206,11 +210,15 @@ mod tests {
                     torque += active.values[k] * m.y;
                 }),
             );
-            DriveElasticity.state_rate(&active.values(), at, &mut rate, &mut [0.0; 6]);
+            DriveElasticity.state_rate(&active.values(), at, &mut rate, &mut [0.0; 8]);
         });
         approx::assert_relative_eq!(torque, 27.0 - 10.0, epsilon = 1e-12);
         // (10 − 27)/0.2 − 30 = −115 rad/s²
-        approx::assert_relative_eq!(rate.as_slice(), [0.1, 0.0, 0.0, -115.0, 0.0, 0.0].as_slice(), epsilon = 1e-11);
+        approx::assert_relative_eq!(
+            rate.as_slice(),
+            [0.1, 0.0, 0.0, 0.0, -115.0, 0.0, 0.0, 0.0].as_slice(),
+            epsilon = 1e-11
+        );
         let mut angles = [0.5; AXES];
         DriveElasticity.encoder(&active.values(), &state, &mut angles);
         approx::assert_relative_eq!(angles.as_slice(), [0.501, 0.5, 0.5, 0.5].as_slice());
@@ -234,15 +242,15 @@ mod tests {
         let active =
             ActiveEffect::new(Arc::new(DriveElasticity), &[&[0.99 * RIGID / 0.18, 0.0, 0.0], &[20.0], &[0.18], &[0.0]]);
         DriveElasticity.inertia(&active.values(), &Payload::default(), &mut |_, _, _| panic!("no inertia"));
-        let mut rate = [0.0; 6];
-        testing::at(&testing::still(), &[1.0; 6], |at| {
+        let mut rate = [0.0; 8];
+        testing::at(&testing::still(), &[1.0; 8], |at| {
             DriveElasticity.wrenches(
                 &active.values(),
                 at,
                 &mut Wrenches::new(at.motion, &mut |_, _, _, _| panic!("no force")),
             );
-            DriveElasticity.state_rate(&active.values(), at, &mut rate, &mut [0.0; 6]);
+            DriveElasticity.state_rate(&active.values(), at, &mut rate, &mut [0.0; 8]);
         });
-        assert_eq!(rate, [0.0; 6]);
+        assert_eq!(rate, [0.0; 8]);
     }
 }

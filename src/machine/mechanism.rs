@@ -214,7 +214,7 @@ impl Mechanism {
             Part::TurningAxis => matches!(self, Self::Axis(axis) if axis.joint == Joint::Revolute),
             Part::FreeStruts => self.is_delta() && assembled,
             Part::Motors => match self {
-                Self::Delta { .. } => self.is_delta() && self.joint() == Joint::Revolute,
+                Self::Delta { .. } => self.joint() == Joint::Revolute,
                 Self::Axis(_) => true,
             },
             Part::ArmDrives => delta && assembled,

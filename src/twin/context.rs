@@ -14,7 +14,7 @@ use super::wrench::{Load, STILL, Twist};
 use crate::dynamics::Plant;
 use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
 use crate::machine::bodies::{END_EFFECTOR, PLATFORM, SLOTS, strut};
-use crate::machine::{ARMS, AXES, MAX_STRUTS};
+use crate::machine::{AXES, MAX_STRUTS};
 use crate::numerics::{Anderson, worst};
 
 /// Change of the solution below which the iteration over laws that depend on it stops, N, rad/s² or m/s².
@@ -107,7 +107,7 @@ pub(super) struct Scratch {
     pub resisted: bool,
     /// Loads on the rotors of elastic gears; those that do not depend on the solution are in `resting`.
     pub motors: Motors,
-    resting: [f64; ARMS],
+    resting: [f64; AXES],
     /// The first law whose value was not finite.
     pub fault: Option<KinematicsError>,
     /// Power of each effect, W.
@@ -135,7 +135,7 @@ impl Scratch {
             resistances: Box::new([Resistance::NONE; SLOTS]),
             resisted: false,
             motors: Motors::default(),
-            resting: [0.0; ARMS],
+            resting: [0.0; AXES],
             fault: None,
             powers: vec![0.0; plant.effects.len()],
             restraint_power: 0.0,
@@ -178,7 +178,7 @@ impl Context {
         scratch.wrenches = if self.external.is_none() { [STILL; SLOTS] } else { self.external.at(t) };
         let (wrenches, powers) = (&mut scratch.wrenches, &mut scratch.powers);
         let reactions = &scratch.answer.reactions;
-        scratch.resting = [0.0; ARMS];
+        scratch.resting = [0.0; AXES];
         let at = Evaluation { plant: &self.plant, scene: &scene, motion, reactions };
         self.forces.add(&at, false, Sums { wrenches, motors: &mut scratch.resting, powers });
         scratch.fault = scratch.fault.take().or_else(|| self.forces.fault(&at, powers));

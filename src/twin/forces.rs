@@ -7,7 +7,7 @@ use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, GearSpring, Instant, Kind, Part, Wrenches};
 use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, Screw, SocketSet};
 use crate::machine::bodies::{SLOTS, strut};
-use crate::machine::{ARMS, AXES, MAX_STRUTS};
+use crate::machine::{AXES, MAX_STRUTS};
 use crate::numerics::tanh;
 
 /// Arguments of a force law besides plant, motion and reactions.
@@ -34,7 +34,7 @@ pub(super) struct Sums<'a> {
     /// Wrenches on the bodies, N and N·m.
     pub wrenches: &'a mut [Twist; SLOTS],
     /// Torques on the rotors of elastic gears, N·m.
-    pub motors: &'a mut [f64; ARMS],
+    pub motors: &'a mut [f64; AXES],
     /// Power of each effect on the bodies, W.
     pub powers: &'a mut [f64],
 }
@@ -51,7 +51,7 @@ pub(super) struct Forces {
     /// Effects that damp the rotors of elastic gears.
     motor_damps: Vec<usize>,
     /// Elastic gears, and the position of their deflections among the internal states; the rates follow.
-    gears: Option<(usize, [GearSpring; ARMS])>,
+    gears: Option<(usize, [GearSpring; AXES])>,
     /// Whether each effect acts on the rotors of elastic gears instead of the arms.
     at_motors: Vec<bool>,
     /// Torque of the brakes on all drives, N·m.
@@ -97,10 +97,10 @@ impl Forces {
         self.starts[self.starts.len() - 1]
     }
 
-    fn elastic_gears(&self, plant: &Plant) -> Option<(usize, [GearSpring; ARMS])> {
+    fn elastic_gears(&self, plant: &Plant) -> Option<(usize, [GearSpring; AXES])> {
         plant.effects.iter().zip(&self.starts).find_map(|(active, &start)| {
-            let [a, b, c, _] = active.gear_springs()?;
-            [a, b, c].iter().any(GearSpring::is_elastic).then_some((start, [a, b, c]))
+            let gears = active.gear_springs()?;
+            gears.iter().any(GearSpring::is_elastic).then_some((start, gears))
         })
     }
 
@@ -115,13 +115,13 @@ impl Forces {
     fn elastic<'a>(&'a self, own: &'a [f64]) -> impl Iterator<Item = (usize, &'a GearSpring, f64, f64)> + 'a {
         self.gears.iter().flat_map(move |(start, gears)| {
             let all = gears.iter().enumerate().filter(|(_, gear)| gear.is_elastic());
-            all.map(move |(i, gear)| (i, gear, own[start + i], own[start + ARMS + i]))
+            all.map(move |(i, gear)| (i, gear, own[start + i], own[start + AXES + i]))
         })
     }
 
     /// The motion on the motor side: angles and rates of the motors, and their accelerations under the drive torques
     /// and `motors`, the other loads F on the rotors (N·m): J·q̈_m = τ + F − δ/c − d·δ̇.
-    pub fn of_motors(&self, scene: &Scene, motion: &Motion, motors: &[f64; ARMS]) -> Motion {
+    pub fn of_motors(&self, scene: &Scene, motion: &Motion, motors: &[f64; AXES]) -> Motion {
         let mut out = *motion;
         for (i, gear, deflection, rate) in self.elastic(scene.own) {
             out.q[i] += deflection;
@@ -158,7 +158,7 @@ impl Forces {
                 let (now, ahead, kappa) = gear_torques(gear, &own[start + i..], &sum[start + i..], g);
                 let inertia = gear.rotor_inertia + g * motors.damping[i];
                 let share = kappa / (inertia + kappa);
-                let resisted = motors.damping[i] * (motors.sums[i] + sum[start + ARMS + i]);
+                let resisted = motors.damping[i] * (motors.sums[i] + sum[start + AXES + i]);
                 let driving = torque[i] + motors.torque[i] - resisted;
                 (i, inertia * share, ahead - now + share * (driving - ahead))
             })
@@ -178,7 +178,7 @@ impl Forces {
     ) {
         let Some((start, gears)) = &self.gears else { return };
         for (i, gear) in gears.iter().enumerate().filter(|(i, gear)| is_steep(gear, motors.damping[*i], g)) {
-            let (deflection, rate) = (start + i, start + ARMS + i);
+            let (deflection, rate) = (start + i, start + AXES + i);
             let (now, ahead, kappa) = gear_torques(gear, &own[deflection..], &sum[deflection..], g);
             let (j, d) = (gear.rotor_inertia, motors.damping[i]);
             let resisted = d * (motors.sums[i] + sum[rate] + g * drives[i]);
@@ -269,7 +269,7 @@ impl Forces {
 
     /// Writes rates and slopes of all internal states; `motion` holds the accelerations, `motors` the loads on the
     /// rotors of elastic gears, N·m.
-    pub fn state_rates(&self, at: &Evaluation, motors: &[f64; ARMS], rates: &mut [f64], slopes: &mut [f64]) {
+    pub fn state_rates(&self, at: &Evaluation, motors: &[f64; AXES], rates: &mut [f64], slopes: &mut [f64]) {
         let Evaluation { plant, scene, motion, .. } = *at;
         let moved = self.at_motors.contains(&true).then(|| self.of_motors(scene, motion, motors));
         for (k, active) in plant.effects.iter().enumerate() {
@@ -309,19 +309,19 @@ fn is_steep(gear: &GearSpring, friction: f64, g: f64) -> bool {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Motors {
     /// Torque, N·m.
-    pub torque: [f64; ARMS],
+    pub torque: [f64; AXES],
     /// Damping, N·m·s/rad, as measured for the present step.
-    pub damping: [f64; ARMS],
+    pub damping: [f64; AXES],
     /// The stage's sums of the arms' rates, rad/s.
-    pub sums: [f64; ARMS],
+    pub sums: [f64; AXES],
 }
 
 /// Torque of a gear now and one step ahead without the rotor's own change of rate, and κ of that change; the slices of
 /// states and sums start at the arm's deflection.
 fn gear_torques(gear: &GearSpring, own: &[f64], sum: &[f64], g: f64) -> (f64, f64, f64) {
     let torque = |deflection: f64, rate: f64| deflection / gear.compliance + gear.damping * rate;
-    let now = torque(own[0], own[ARMS]);
-    let ahead = now + torque(sum[0] + g * (own[ARMS] + sum[ARMS]), sum[ARMS]);
+    let now = torque(own[0], own[AXES]);
+    let ahead = now + torque(sum[0] + g * (own[AXES] + sum[AXES]), sum[AXES]);
     (now, ahead, g * (g / gear.compliance + gear.damping))
 }
 
@@ -331,7 +331,7 @@ pub(super) struct Damping {
     /// Arms and rotor.
     pub drives: [f64; AXES],
     /// Rotors of elastic gears.
-    pub motors: [f64; ARMS],
+    pub motors: [f64; AXES],
     /// Struts about their own axes, including the restraint.
     pub spins: [f64; MAX_STRUTS],
     /// Remaining steps for which the damping of the spins is kept.
@@ -376,7 +376,7 @@ impl Forces {
                 }
             }
             let mut out = [STILL; SLOTS];
-            let moved = self.at_motors.contains(&true).then(|| self.of_motors(scene, motion, &[0.0; ARMS]));
+            let moved = self.at_motors.contains(&true).then(|| self.of_motors(scene, motion, &[0.0; AXES]));
             for &e in effects {
                 let motion = moved.as_ref().filter(|_| self.at_motors[e]).unwrap_or(motion);
                 let instant = self.instant(e, &Evaluation { plant, scene, motion, reactions });
@@ -427,7 +427,7 @@ impl Forces {
         let slope = |[base, moved]: &[[Twist; SLOTS]; 2], body: usize, screw: &Screw| {
             ((screw.effort(&base[body]) - screw.effort(&moved[body])) / RATE).max(0.0)
         };
-        (damping.drives, damping.motors) = ([0.0; AXES], [0.0; ARMS]);
+        (damping.drives, damping.motors) = ([0.0; AXES], [0.0; AXES]);
         for (effects, on_rotors) in [(&self.damps[Freedom::Drives as usize], false), (&self.motor_damps, true)] {
             if effects.is_empty() {
                 continue;

@@ -22,7 +22,7 @@ use crate::dynamics::Plant;
 use crate::kinematics::motion::MAX_SOCKETS;
 use crate::kinematics::{BodyMotion, KinematicsError, Motion, Reactions, SocketSet};
 use crate::machine::bodies::{END_EFFECTOR, SLOTS};
-use crate::machine::{ARMS, AXES, Inertia};
+use crate::machine::{AXES, Inertia};
 use crate::scenario::Formulation;
 
 /// Solution of the equations of motion at one instant.
@@ -157,7 +157,7 @@ impl Twin {
         let mut at = self.context.layout.own().start;
         for active in &self.context.plant.effects {
             if active.gear_springs().is_some() {
-                self.y[at..at + ARMS].copy_from_slice(&deflection[..ARMS]);
+                self.y[at..at + AXES].copy_from_slice(deflection);
             }
             at += active.states();
         }

@@ -80,7 +80,7 @@ impl Host {
     /// `parameter` of an effect on `part` with unit, typical magnitude and range converted to this machine.
     pub fn parameter(&self, part: Part, parameter: &Parameter) -> Parameter {
         let unit = self.mechanism.unit_on(part, parameter.unit);
-        let of_drives = matches!(self.mechanism, Mechanism::Axis(_)) || part == Part::Drives;
+        let of_drives = matches!(self.mechanism, Mechanism::Axis(_)) || matches!(part, Part::Drives | Part::Motors);
         let factor = if of_drives { unit.scale(self.torque, self.speed) } else { 1.0 };
         let (low, high) = parameter.range;
         let (narrower, wider) = match self.mechanism {

@@ -5,7 +5,7 @@
 //!
 //! ID(q, q̇, q̈) − J·q̈ = δ/c + d·δ̇.
 //!
-//! The three arms are integrated together along the measured θ. θ includes the ringing of the gears, at frequencies
+//! All arms are integrated together along the measured θ. θ includes the ringing of the gears, at frequencies
 //! that the smoothing for rigid joints removes ([`Dataset::ringing`]).
 //!
 //! Effects on the drives, F(q, q̇), are part of ID, or with [`GearSpring::friction_at_motor`] of the rotor's balance
@@ -18,7 +18,7 @@
 use std::borrow::Cow;
 use std::ops::Range;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix4, Vector4};
 use rayon::prelude::*;
 
 use super::states::InternalStates;
@@ -27,7 +27,7 @@ use crate::dynamics::{Plant, inverse_dynamics};
 use crate::effects::{ActiveEffect, GearSpring, Kind};
 use crate::identification::Dataset;
 use crate::kinematics::{JointState, KinematicsError};
-use crate::machine::{ARMS, AXES, Part};
+use crate::machine::{AXES, Part};
 
 /// Newmark's γ and β: the trapezoidal rule with slight damping of frequencies above the sampling rate.
 const GAMMA: f64 = 0.55;
@@ -79,7 +79,7 @@ pub(super) fn deflected<'a>(
 fn encoders(dataset: &Dataset, plant: &Plant) -> Vec<JointState> {
     let one = |(smooth, ringing): (&JointState, &JointState)| {
         let mut reading = *smooth;
-        for i in 0..ARMS {
+        for i in 0..plant.mechanism.arms() {
             (reading.q[i], reading.qd[i], reading.qdd[i]) = (ringing.q[i], ringing.qd[i], ringing.qdd[i]);
         }
         plant.behind_encoders(&reading)
@@ -90,14 +90,14 @@ fn encoders(dataset: &Dataset, plant: &Plant) -> Vec<JointState> {
 /// Deflections of the arms' gears and their first two derivatives.
 #[derive(Clone, Copy)]
 struct Deflection {
-    angle: Vector3<f64>,
-    rate: Vector3<f64>,
-    acceleration: Vector3<f64>,
+    angle: Vector4<f64>,
+    rate: Vector4<f64>,
+    acceleration: Vector4<f64>,
 }
 
 impl Deflection {
     /// The deflection after the step `h` (s) with the given new acceleration.
-    fn after(&self, h: f64, acceleration: Vector3<f64>) -> Self {
+    fn after(&self, h: f64, acceleration: Vector4<f64>) -> Self {
         let mean = (1.0 - 2.0 * BETA) * self.acceleration + 2.0 * BETA * acceleration;
         Self {
             angle: self.angle + h * self.rate + 0.5 * h * h * mean,
@@ -109,7 +109,7 @@ impl Deflection {
     /// Joint state behind an encoder.
     fn behind(&self, encoder: &JointState) -> JointState {
         let mut joint = *encoder;
-        for i in 0..ARMS {
+        for i in 0..AXES {
             joint.q[i] -= self.angle[i];
             joint.qd[i] -= self.rate[i];
             joint.qdd[i] -= self.acceleration[i];
@@ -145,7 +145,7 @@ impl Arms<'_> {
 
     /// Steady deflection at sample `k`.
     fn steady(&self, k: usize) -> Result<Deflection, KinematicsError> {
-        let none = Vector3::zeros();
+        let none = Vector4::zeros();
         let rigid = Deflection { angle: none, rate: none, acceleration: none };
         Ok(Deflection { angle: self.excess(k, &rigid)?, ..rigid })
     }
@@ -155,20 +155,20 @@ impl Arms<'_> {
         &self,
         k: usize,
         before: &Deflection,
-        inverse: &mut Option<Matrix3<f64>>,
+        inverse: &mut Option<Matrix4<f64>>,
     ) -> Result<Deflection, KinematicsError> {
         let h = self.dataset.step(k);
-        let left = |a: &Vector3<f64>| self.excess(k, &before.after(h, *a));
+        let left = |a: &Vector4<f64>| self.excess(k, &before.after(h, *a));
         let mut acceleration = before.acceleration;
-        let mut last: Option<[Vector3<f64>; 2]> = None;
+        let mut last: Option<[Vector4<f64>; 2]> = None;
         for step in 0..MOST_STEPS {
             let here = left(&acceleration)?;
             if let (Some(inverse), Some([change, there])) = (inverse.as_mut(), last) {
                 *inverse = broyden(inverse, &-change, &(here - there));
             }
             if inverse.is_none() || step == OLD_JACOBIAN {
-                let mut jacobian = Matrix3::zeros();
-                for i in 0..ARMS {
+                let mut jacobian = Matrix4::identity();
+                for i in 0..self.plant.mechanism.arms() {
                     let mut moved = acceleration;
                     moved[i] += STEP / (h * h);
                     jacobian.set_column(i, &((left(&moved)? - here) * (h * h / STEP)));
@@ -186,11 +186,11 @@ impl Arms<'_> {
     }
 
     /// Deflection due to the transmitted torques minus the present deflection, rad: zero in equilibrium.
-    fn excess(&self, k: usize, at: &Deflection) -> Result<Vector3<f64>, KinematicsError> {
+    fn excess(&self, k: usize, at: &Deflection) -> Result<Vector4<f64>, KinematicsError> {
         let joint = at.behind(&self.encoders[k]);
         let motion = self.plant.motion(&joint)?;
         let tau = inverse_dynamics(self.plant, self.dataset.t[k], &motion, &self.own.at(k), false)?.tau;
-        Ok(Vector3::from_fn(|i, _| {
+        Ok(Vector4::from_fn(|i, _| {
             let gear = &self.gears[i];
             let transmitted = tau[i] - gear.rotor_inertia * joint.qdd[i];
             gear.compliance * (transmitted - gear.damping * at.rate[i]) - at.angle[i]
@@ -199,7 +199,7 @@ impl Arms<'_> {
 }
 
 /// Broyden's update of the inverse of a Jacobian for the change `y` of the function over the step `s`.
-fn broyden(inverse: &Matrix3<f64>, s: &Vector3<f64>, y: &Vector3<f64>) -> Matrix3<f64> {
+fn broyden(inverse: &Matrix4<f64>, s: &Vector4<f64>, y: &Vector4<f64>) -> Matrix4<f64> {
     let expected = inverse * y;
     let along = s.dot(&expected);
     // A step dominated by rounding is ignored.
@@ -214,7 +214,7 @@ fn broyden(inverse: &Matrix3<f64>, s: &Vector3<f64>, y: &Vector3<f64>) -> Matrix
 const STEPS: [f64; 2] = [1.0, 1e-6];
 
 /// Arms with a measured torque, and its channel.
-fn measured(drives: &[Option<usize>; ARMS]) -> impl Iterator<Item = (usize, usize)> + '_ {
+fn measured(drives: &[Option<usize>; AXES]) -> impl Iterator<Item = (usize, usize)> + '_ {
     drives.iter().enumerate().filter_map(|(i, c)| c.map(|c| (i, c)))
 }
 
@@ -224,12 +224,12 @@ pub(super) struct Passage<'a> {
     joints: &'a Joints<'a>,
     gears: &'a [GearSpring; AXES],
     /// Channel of each arm's torque; a gear without a measured torque counts as rigid.
-    drives: [Option<usize>; ARMS],
+    drives: [Option<usize>; AXES],
     /// Derivatives M and C of the channels with respect to the arms' accelerations and rates, channel by channel for
     /// each sample.
-    slopes: Vec<[Vector3<f64>; 2]>,
+    slopes: Vec<[Vector4<f64>; 2]>,
     /// Acceleration of s per unit deflection of the gears at fixed joints, for each sample.
-    inverse: Vec<Matrix3<f64>>,
+    inverse: Vec<Matrix4<f64>>,
 }
 
 impl<'a> Passage<'a> {
@@ -239,18 +239,19 @@ impl<'a> Passage<'a> {
         gears: &'a [GearSpring; AXES],
     ) -> Result<Self, KinematicsError> {
         let plant = &*behind(joints.plant, gears);
-        let drives = std::array::from_fn(|i| dataset.channels.iter().position(|c| c.drive() == Some(i)));
+        let arms = plant.mechanism.arms();
+        let drives = std::array::from_fn(|i| dataset.channels.iter().position(|c| i < arms && c.drive() == Some(i)));
         let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
         let own = InternalStates::along(plant, &effects, dataset, joints)?;
         let with_struts = dataset.channels.iter().any(|c| c.drive().is_none());
-        let at = |k: usize| -> Result<Vec<[Vector3<f64>; 2]>, KinematicsError> {
+        let at = |k: usize| -> Result<Vec<[Vector4<f64>; 2]>, KinematicsError> {
             let values = |joint: &JointState| -> Result<Vec<f64>, KinematicsError> {
                 let out = inverse_dynamics(plant, dataset.t[k], &plant.motion(joint)?, &own.at(k), with_struts)?;
                 Ok(dataset.channels.iter().map(|c| out.of(*c)).collect())
             };
             let here = values(&joints.states[k])?;
-            let mut slopes = vec![[Vector3::zeros(); 2]; here.len()];
-            for i in 0..ARMS {
+            let mut slopes = vec![[Vector4::zeros(); 2]; here.len()];
+            for i in 0..arms {
                 for (derivative, step) in STEPS.iter().enumerate() {
                     let mut moved = joints.states[k];
                     [&mut moved.qdd, &mut moved.qd][derivative][i] += step;
@@ -261,19 +262,19 @@ impl<'a> Passage<'a> {
             }
             Ok(slopes)
         };
-        let slopes: Vec<Vec<[Vector3<f64>; 2]>> =
+        let slopes: Vec<Vec<[Vector4<f64>; 2]>> =
             (0..dataset.len()).into_par_iter().map(at).collect::<Result<_, KinematicsError>>()?;
-        let inverse = |(k, slopes): (usize, &Vec<[Vector3<f64>; 2]>)| {
+        let inverse = |(k, slopes): (usize, &Vec<[Vector4<f64>; 2]>)| {
             let h = dataset.step(k);
-            let mut matrix = Matrix3::from_diagonal_element(BETA * h * h);
+            let mut matrix = Matrix4::from_diagonal_element(BETA * h * h);
             for (i, c) in measured(&drives) {
                 let (gear, [mass, friction]) = (&gears[i], slopes[c]);
-                for j in 0..ARMS {
+                for j in 0..arms {
                     matrix[(i, j)] += gear.compliance * (mass[j] + GAMMA * h * friction[j]);
                 }
                 matrix[(i, i)] += gear.compliance * (GAMMA * h * gear.damping - gear.rotor_inertia);
             }
-            matrix.try_inverse().unwrap_or_else(Matrix3::zeros)
+            matrix.try_inverse().unwrap_or_else(Matrix4::zeros)
         };
         let inverse = slopes.iter().enumerate().map(inverse).collect();
         Ok(Self { dataset, joints, gears, drives, slopes: slopes.concat(), inverse })
@@ -297,7 +298,7 @@ impl<'a> Passage<'a> {
 
     /// Converts a column in one segment; `own` is the arm whose compliance is the parameter, if any.
     fn turn(&self, segment: Range<usize>, column: &mut Channels, own: Option<usize>) {
-        let none = Vector3::zeros();
+        let none = Vector4::zeros();
         let mut s = Deflection { angle: self.source(column, segment.start, own), rate: none, acceleration: none };
         for k in segment {
             let slopes = &self.slopes[k * column.len()..(k + 1) * column.len()];
@@ -322,8 +323,8 @@ impl<'a> Passage<'a> {
 
     /// Derivative of the gears' deflection with respect to the parameter at fixed joints: ∂/∂p of c·(ID − J·q̈ −
     /// d·δ̇).
-    fn source(&self, column: &Channels, k: usize, own: Option<usize>) -> Vector3<f64> {
-        Vector3::from_fn(|i, _| {
+    fn source(&self, column: &Channels, k: usize, own: Option<usize>) -> Vector4<f64> {
+        Vector4::from_fn(|i, _| {
             let compliance = self.gears[i].compliance;
             match own {
                 Some(arm) if arm == i && compliance > 0.0 => {

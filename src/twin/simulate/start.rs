@@ -5,7 +5,7 @@ use crate::cell::CellError;
 use crate::dynamics::{Plant, inverse_dynamics};
 use crate::kinematics::{JointState, KinematicsError, Motion, Target};
 use crate::machine::bodies::{SLOTS, body_name};
-use crate::machine::{ARMS, AXES, MAX_STRUTS, Setup};
+use crate::machine::{AXES, MAX_STRUTS, Setup};
 use crate::model::Model;
 use crate::scenario::SUBSTEPS;
 use crate::twin::contacts::{Contacts, Surroundings};
@@ -150,7 +150,7 @@ fn balance(plant: &Plant, wanted: &JointState) -> Result<(JointState, [f64; AXES
         for (i, gear) in gears.iter().enumerate().filter(|(_, g)| g.is_elastic()) {
             deflection[i] = gear.compliance * (torque[i] - gear.rotor_inertia * wanted.qdd[i]);
         }
-        own[k][..ARMS].copy_from_slice(&deflection[..ARMS]);
+        own[k][..AXES].copy_from_slice(&deflection);
     }
     let mut joints = plant.behind_encoders(wanted);
     for (q, deflection) in joints.q.iter_mut().zip(deflection) {
