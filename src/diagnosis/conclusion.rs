@@ -99,8 +99,8 @@ impl Conclusion {
     }
 
     /// Where neither a known effect nor a formula explains what is left and it is not related to the motion, it is noise: the
-    /// names stand without it, or nothing is missing. The same holds
-    /// without names where the fitted recordings do not determine the parameters.
+    /// names stand without it, or nothing is missing. The same holds without names where the fitted recordings do not determine
+    /// the parameters.
     ///
     /// # Errors
     /// If a pose is impossible for the model.

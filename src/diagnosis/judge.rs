@@ -93,11 +93,10 @@ impl<'a> Judge<'a> {
     /// Whether the validation data leave many times the noise and the fitted recordings do not: the fitted motion does not
     /// determine parameters on which the other one depends.
     pub fn is_extrapolated(&self, judged: &Judged) -> bool {
-        let fitted = judged.fit.residuals.rms.iter().zip(&self.fitting.noise.pooled);
-        let held_out = judged.rms().iter().zip(&self.floor);
-        held_out
-            .zip(fitted)
-            .any(|((held_out, floor), (own, noise))| held_out / floor > EXTRAPOLATED * (own / noise).max(1.0))
+        let over = |(rms, floor): (&f64, &f64)| rms / floor.max(f64::MIN_POSITIVE);
+        let fitted = judged.fit.residuals.rms.iter().zip(&self.fitting.noise.pooled).map(over);
+        let held_out = judged.rms().iter().zip(&self.floor).map(over);
+        held_out.zip(fitted).any(|(held_out, fitted)| held_out > EXTRAPOLATED * fitted.max(1.0))
     }
 
     /// Whether an effect changes the RMS residual of some channel on the validation data enough to be named.

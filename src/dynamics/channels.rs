@@ -93,7 +93,7 @@ impl ChannelMap {
         }
     }
 
-    /// Adds the accelerations of the bodies at the second derivatives `rates` of the channels' coordinates to a motion without them.
+    /// Adds to a motion without accelerations those of the bodies at the given second derivatives of the channels' coordinates.
     pub(crate) fn accelerate(&self, motion: &mut Motion, rates: &[f64]) {
         let bodies = motion.slots();
         for (twists, rate) in self.twists.iter().zip(rates) {

@@ -72,6 +72,8 @@ pub(super) struct Axes<'a> {
     pub work: &'a mut Work,
 }
 
+/// Stores angles and rates of a motion in a state, with the plate where they place it.
+///
 /// # Errors
 /// [`SingularPose`] if the struts reach no common plate.
 pub(super) fn store(plant: &Plant, y: &mut [f64], motion: &Motion) -> Result<(), SingularPose> {
