@@ -57,22 +57,23 @@ impl ChannelMap {
     /// lines is singular.
     pub(crate) fn set(&mut self, geometry: &Geometry, motion: &Motion, assembled: bool) -> Result<(), KinematicsError> {
         let with_struts = !self.channels.iter().all(|c| c.drive().is_some());
-        let (mut plate, mut three) = (None, None);
-        match (assembled, geometry.has_platform_of_three()) {
-            (true, true) => three = Some(Three::new(geometry, motion, with_struts)?),
-            (true, false) => plate = Some(AnyPlate::new(geometry, motion, with_struts)?),
-            (false, _) => {}
+        let channels = self.twists.iter_mut().zip(&self.channels);
+        if !assembled {
+            for (xi, &channel) in channels {
+                let (arms, rotor) = drives(channel, motion.limbs);
+                set_drives(xi, motion, &arms, rotor);
+            }
+            return Ok(());
+        }
+        if geometry.has_platform_of_three() {
+            let three = Three::new(geometry, motion, with_struts)?;
+            channels.for_each(|(xi, channel)| three.set_twists(motion, *channel, xi));
+        } else {
+            let plate = AnyPlate::new(geometry, motion, with_struts)?;
+            channels.for_each(|(xi, channel)| plate.set_twists(motion, *channel, xi));
         }
         for (xi, &channel) in self.twists.iter_mut().zip(&self.channels) {
-            match (&plate, &three) {
-                (Some(plate), _) => plate.set_twists(motion, channel, xi),
-                (None, Some(three)) => three.set_twists(motion, channel, xi),
-                (None, None) => {
-                    let (arms, rotor) = drives(channel, motion.limbs);
-                    set_drives(xi, motion, &arms, rotor);
-                }
-            }
-            if assembled && let Channel::StrutUpper(s) = channel {
+            if let Channel::StrutUpper(s) = channel {
                 xi[strut(s)].0 += motion.strut_axis[s];
             }
         }
