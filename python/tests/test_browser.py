@@ -392,6 +392,7 @@ def test_a_machine_is_watched_until_its_stream_ends(
     page.locator("#steps").get_by_role("button", name="Watch").click()
     sync_api.expect(page.locator("#panel").get_by_role("button", name="Watch", exact=True)).to_be_disabled()
     look(page, "watch, before")
+    sync_api.expect(page.locator("#message")).to_be_hidden()
     # A file that grows while the page looks: sixteen seconds of the machine as it is, then with another drive.
     lines = (example / "example" / "second.csv").read_text().splitlines(keepends=True)
     growing, half = tmp_path / "growing.csv", 4 * len(lines) // 5

@@ -72,7 +72,7 @@ pub fn add_with(
     }
     let fitting = Fitting::new(model, datasets, options).with_repeats(model)?;
     let judge = Judge::new(&fitting, model, held_out)?;
-    let before = judge.fit(model)?;
+    let before = judge.of(fitting.refit(model, options)?)?;
     fitting.go_on()?;
     let absent = problem::absent(&mounted, &before.fit, datasets, options.candidates);
     let shapes = absent.into_iter().find(|c| c[0].effect.name() == effect);

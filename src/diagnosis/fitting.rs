@@ -116,6 +116,11 @@ impl<'a> Fitting<'a> {
         Ok(self)
     }
 
+    /// The fit of `model` that `options` have already, or one that is made now.
+    pub fn refit(&self, model: &Model, options: &Options) -> Result<Fit, FitError> {
+        options.fitted.filter(|_| options.fixed.is_empty()).map_or_else(|| self.fit(model), |fit| Ok(fit.clone()))
+    }
+
     /// Refits the parameters of `model` that are not fixed.
     pub fn fit(&self, model: &Model) -> Result<Fit, FitError> {
         let stop = || {

@@ -71,10 +71,7 @@ pub fn diagnose_with(
     let fitting = Fitting::new(model, datasets, options).with_repeats(model)?;
     let judge = Judge::new(&fitting, model, held_out)?;
     progress(Progress::Step("refit"));
-    let refitted = match options.fitted.filter(|_| options.fixed.is_empty()) {
-        Some(fitted) => fitted.clone(),
-        None => fitting.fit(model)?,
-    };
+    let refitted = fitting.refit(model, options)?;
     fitting.go_on()?;
     let mounted = in_configuration(model, &datasets[0].setup);
     let candidates = problem::absent(&mounted, &refitted, datasets, fitting.candidates);

@@ -4,6 +4,7 @@ use crate::constraint_forces::Detail;
 use crate::dynamics::Output;
 use crate::machine::{AXES, Drive, MAX_STRUTS, Mechanism, Unit};
 use crate::model::Model;
+use crate::recording::Channel;
 
 /// Number of limited quantities affine in s̈: accelerations, torques, λ_E, λ_P, λ_S.
 pub const QUANTITIES: usize = 2 * AXES + FORCES;
@@ -141,6 +142,21 @@ impl Limit {
             Self::Torque(_) => machine.unit(Unit::NM),
             Self::LambdaE(0 | 1) => Unit::NM,
             _ => Unit::N,
+        }
+    }
+
+    /// Title in tables and figures. Its name in files is its [`Display`](std::fmt::Display).
+    pub fn title(self, machine: Mechanism) -> String {
+        const BEARING: [&str; 5] =
+            ["moment about x", "moment about y", "force along x", "force along y", "force along z"];
+        match self {
+            Self::Speed(i) => format!("axis {} speed", i + 1),
+            Self::Acceleration(i) => format!("axis {} acceleration", i + 1),
+            Self::Jerk(i) => format!("axis {} jerk", i + 1),
+            Self::Torque(i) => Channel::Torque(i).title(machine),
+            Self::LambdaE(k) => format!("end effector {}", BEARING[k]),
+            Self::LambdaP(s) => Channel::StrutLower(s).title(machine),
+            Self::LambdaS(s) => Channel::StrutUpper(s).title(machine),
         }
     }
 }

@@ -38,7 +38,7 @@ pub use shape::Shape;
 
 use thiserror::Error;
 
-use crate::machine::{Setup, Unit};
+use crate::machine::{Mechanism, Setup};
 
 /// Contents of a path file.
 #[derive(Clone, Debug)]
@@ -80,8 +80,8 @@ pub enum PlanError {
     },
     /// A limit is exceeded even at rest.
     #[error(
-        "no motion keeps {limit} at s = {s:.4}: at rest it is {value:.3} {} of {usable:.3} {} that may be used",
-        .unit, .unit
+        "no motion is within the limits at s = {s:.4}: at rest, {} is {value:.3} of {usable:.3} {} that may be used",
+        .limit.title(*.machine), .limit.unit(*.machine)
     )]
     AtRest {
         /// The limit.
@@ -92,8 +92,8 @@ pub enum PlanError {
         value: f64,
         /// Usable value.
         usable: f64,
-        /// Unit of both.
-        unit: Unit,
+        /// Machine, which determines the unit and the title of the limit.
+        machine: Mechanism,
     },
     /// The limits permit no motion through a place.
     #[error("the limits leave no motion through s = {s:.4}")]

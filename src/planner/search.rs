@@ -408,16 +408,8 @@ impl<'a> Search<'a> {
                     let used = value.abs() / usable;
                     if used > allowed && worst.as_ref().is_none_or(|w| used > w.0) {
                         let limit = Limit::affine(AXES + k);
-                        worst = Some((
-                            used,
-                            PlanError::AtRest {
-                                limit,
-                                s,
-                                value,
-                                usable,
-                                unit: limit.unit(self.machine.plant().mechanism),
-                            },
-                        ));
+                        let machine = self.machine.plant().mechanism;
+                        worst = Some((used, PlanError::AtRest { limit, s, value, usable, machine }));
                     }
                 }
             }

@@ -7,7 +7,7 @@ use super::{Limit, Limits};
 use crate::constraint_forces::{Detail, constraint_forces};
 use crate::dynamics::Plant;
 use crate::kinematics::JointState;
-use crate::machine::{AXES, Unit};
+use crate::machine::{AXES, Mechanism};
 use crate::model::Model;
 use crate::recording::{Channel, Recording, Signals};
 use crate::scenario::motion::table::Table;
@@ -44,14 +44,14 @@ pub struct Violation {
     pub value: f64,
     /// What is allowed, without the margin.
     pub allowed: f64,
-    /// Unit of both.
-    pub unit: Unit,
+    /// Machine, which determines the unit and the title of the limit.
+    pub machine: Mechanism,
 }
 
 impl std::fmt::Display for Violation {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { limit, value, allowed, .. } = self;
-        write!(f, "{limit} comes to {value:.1} of {allowed:.1} {}", self.unit)
+        let Self { limit, value, allowed, machine } = self;
+        write!(f, "{} reaches {value:.1} of {allowed:.1} {}", limit.title(*machine), limit.unit(*machine))
     }
 }
 
@@ -63,8 +63,8 @@ impl Execution {
     /// plan and execution.
     pub fn violations(&self, limits: &Limits) -> Vec<Violation> {
         let of = |(&limit, &value): (&Limit, &f64)| {
-            let (allowed, unit) = (limits.value(limit), limit.unit(self.recording.signals.mechanism));
-            (value > (1.0 + ROUNDING) * allowed).then_some(Violation { limit, value, allowed, unit })
+            let (allowed, machine) = (limits.value(limit), self.recording.signals.mechanism);
+            (value > (1.0 + ROUNDING) * allowed).then_some(Violation { limit, value, allowed, machine })
         };
         self.peaks.iter().filter_map(of).collect()
     }

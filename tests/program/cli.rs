@@ -630,9 +630,9 @@ fn plan_run_and_forces() {
     let output = self::run(&["plan", MODEL, "scenarios/u-turn.toml", "--twin", truth, "--report", &page]);
     let printed = String::from_utf8_lossy(&output.stdout);
     assert_eq!(output.status.code(), Some(1), "{output:?}");
-    assert!(printed.contains("limit violated: lambda_s") && printed.contains("of 120.0 N"), "{printed}");
+    assert!(printed.contains("limit violated: strut") && printed.contains("of 120.0 N"), "{printed}");
     let html = std::fs::read_to_string(&page).unwrap();
-    assert!(html.contains("<div class=\"callout bad\">") && html.contains("Limit violated: lambda_s"));
+    assert!(html.contains("<div class=\"callout bad\">") && html.contains("Limit violated: strut"));
     assert!(!html.contains("<div class=\"callout good\">"));
     // Too heavy: no plan, status 1, and the reason.
     let heavy = path(&folder, "heavy.toml");

@@ -1,5 +1,6 @@
 //! Page of a plan.
 
+use deltatwin::machine::Mechanism;
 use deltatwin::planner::validation::Execution;
 use deltatwin::planner::{Plan, Task};
 use deltatwin::recording::{Channel, Recording};
@@ -74,7 +75,7 @@ pub fn plan_page(page: &PlanPage) -> Report {
         report.figure(figure, caption);
     }
     report.anchored("limits", "What sets the time");
-    active(&mut report, plan);
+    active(&mut report, plan, page.planned.signals.mechanism);
     if let Some(execution) = execution {
         report.anchored("execution", "Executed by the twin");
         table(&mut report, execution);
@@ -97,7 +98,7 @@ fn headline(report: &mut Report, page: &PlanPage) {
     }
     let worst = plan.worst();
     if let Some((limit, ratio)) = worst.iter().max_by(|a, b| a.1.total_cmp(b.1)) {
-        let places = format!("{limit}; checked at {} places", plan.uses.len());
+        let places = format!("{}; checked at {} places", limit.title(planned.signals.mechanism), plan.uses.len());
         tiles.push([format!("{:.2} %", 1e2 * ratio), "largest use of a limit".into(), places]);
     }
     let signals = &planned.signals;
@@ -124,7 +125,7 @@ fn headline(report: &mut Report, page: &PlanPage) {
     }
 }
 
-fn active(report: &mut Report, plan: &Plan) {
+fn active(report: &mut Report, plan: &Plan, machine: Mechanism) {
     let active = plan.active();
     if active.is_empty() {
         report.paragraph("No limit is reached.");
@@ -132,9 +133,9 @@ fn active(report: &mut Report, plan: &Plan) {
     }
     let rows: Vec<[String; 3]> = active
         .iter()
-        .map(|(limit, [from, to])| [limit.to_string(), format!("{from:.4}"), format!("{to:.4}")])
+        .map(|(limit, [from, to])| [limit.title(machine), format!("{from:.4}"), format!("{to:.4}")])
         .collect();
-    report.table(&["limit reached", "from s", "to s"], &rows);
+    report.table(&["limit reached", "from s =", "to s ="], &rows);
 }
 
 /// Deviations of the execution from the plan.
@@ -148,7 +149,7 @@ fn table(report: &mut Report, execution: &Execution) {
         row(Channel::Torque(axis).title(machine), *values, &Channel::Torque(axis).unit(machine).to_string());
     }
     for (strut, values) in execution.strut.iter().enumerate() {
-        row(format!("force of strut {}", strut + 1), *values, "N");
+        row(Channel::StrutUpper(strut).title(machine), *values, "N");
     }
     row("acceleration of the end effector".into(), execution.acceleration, "m/s²");
     report.table(&["differs from the plan", "RMS", "at most", "unit"], &rows);

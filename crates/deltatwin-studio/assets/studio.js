@@ -15,7 +15,7 @@
   async function ask(path, options = {}) {
     const response = await fetch(path, { ...options, headers: { "x-token": token } });
     const answer = await response.json().catch(() => ({ error: response.statusText || "the server has not answered" }));
-    if (answer.error) throw new Error(answer.error);
+    if (answer?.error) throw new Error(answer.error);
     return answer;
   }
   async function act(request) {
@@ -505,7 +505,7 @@
       let answer;
       try { answer = await ask(`/api/watch?from=${watched.next}`); } catch (error) { say(error.message); return; }
       if (!view.box.isConnected) return;
-      if (answer.command) {
+      if (answer?.command) {
         if (answer.command !== watched.command && watched.next) { watched.next = 0; watched.command = ""; continue; }
         hear(answer);
         view.draw();

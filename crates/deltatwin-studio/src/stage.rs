@@ -1,10 +1,12 @@
 //! The stages of the loop on a session: check, fit, where, why, add.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use deltatwin::comparison::compare;
 use deltatwin::diagnosis::{self, Options, Progress, diagnose_with};
 use deltatwin::gate::{Remedy as GateRemedy, combined};
+use deltatwin::identification::fit::Fit;
 use deltatwin::identification::{Dataset, NoiseLevel, Residuals};
 use deltatwin::machine::Configuration;
 use deltatwin::model::{Model, Provenance};
@@ -30,8 +32,8 @@ use crate::studio::{Task, line};
 #[derive(Default)]
 pub(crate) struct Outcome {
     stages: Vec<(&'static str, StageResult, Value, Report)>,
-    /// A new model, with its version.
-    model: Option<(Model, Provenance, Version)>,
+    /// A fit, whose model is a new version.
+    pub fit: Option<(Arc<Fit>, Provenance, Version)>,
     /// Errors of versions.
     errors: Vec<(usize, Errors)>,
 }
@@ -44,8 +46,8 @@ impl Outcome {
     pub fn write(&self, folder: &Path, basis: &Basis) -> miette::Result<()> {
         let stages = folder.join("stages");
         private(&stages).into_diagnostic()?;
-        if let Some((model, provenance, version)) = &self.model {
-            model::write_fitted(model, &folder.join(&version.file), provenance)?;
+        if let Some((fit, provenance, version)) = &self.fit {
+            model::write_fitted(&fit.model, &folder.join(&version.file), provenance)?;
         }
         for (name, _, json, report) in &self.stages {
             let name = basis.key(name);
@@ -62,7 +64,7 @@ impl Outcome {
                 version.errors = Some(errors.clone());
             }
         }
-        if let Some((_, _, version)) = &self.model {
+        if let Some((_, _, version)) = &self.fit {
             session.versions.push(version.clone());
             session.current = Some(session.versions.len() - 1);
         }
@@ -198,7 +200,7 @@ pub(crate) fn check(task: &Task, job: &Job) -> miette::Result<Outcome> {
     }
     let json = json!({"good": good, "gate": gate::json(&examined.findings), "warnings": task.data.warnings});
     let result = StageResult { remedies, ..task.result(good, message, line(&words)) };
-    Ok(Outcome { stages: vec![("check", result, json, report)], model: None, errors })
+    Ok(Outcome { stages: vec![("check", result, json, report)], fit: None, errors })
 }
 
 /// Text of a remedy by mapping.
@@ -235,7 +237,7 @@ pub(crate) fn fit(task: &Task, job: &Job) -> miette::Result<Outcome> {
     let provenance = task.provenance("identify", &found.fitted.parameters);
     Ok(Outcome {
         stages: vec![("fit", result, json, report)],
-        model: Some((found.fitted.model, provenance, version)),
+        fit: Some((Arc::new(found.fitted), provenance, version)),
         errors: Vec::new(),
     })
 }
@@ -274,7 +276,7 @@ pub(crate) fn locate(task: &Task, job: &Job) -> miette::Result<Outcome> {
     let result = task.result(true, message, command);
     let errors = vec![(task.version, task.errors_of(&task.model)?)];
     let located = ("where", result, compared::json(&comparison, &[]), report);
-    Ok(Outcome { stages: vec![located], model: None, errors })
+    Ok(Outcome { stages: vec![located], fit: None, errors })
 }
 
 /// Most computing time per sample of a diagnosis on a busy machine, and its lower bound, s.
@@ -295,7 +297,7 @@ pub(crate) fn seconds_per_sample(stage: &str) -> f64 {
 pub(crate) fn diagnose(task: &Task, job: &Job) -> miette::Result<Outcome> {
     let limit = (LIMIT.0 * task.samples() as f64).max(LIMIT.1);
     let clock = || if job.is_cancelled() { f64::INFINITY } else { job.seconds() / limit };
-    let options = Options { clock: &clock, ..Options::default() };
+    let options = Options { clock: &clock, fitted: task.fit.as_deref(), ..Options::default() };
     let mut course = Course::default();
     let d = diagnose_with(&task.model, &task.data.datasets, &task.data.held_out, &options, &mut |report| {
         course.follow(&report);
@@ -328,7 +330,7 @@ pub(crate) fn diagnose(task: &Task, job: &Job) -> miette::Result<Outcome> {
     result.next = d.next_experiment.as_ref().map(|n| format!("{}.", n.what.trim_end_matches('.')));
     let scenario = result.files.first().map(Path::new);
     let json = diagnosed::json(&d, None, scenario);
-    Ok(Outcome { stages: vec![("why", result, json, report)], model: None, errors: Vec::new() })
+    Ok(Outcome { stages: vec![("why", result, json, report)], fit: None, errors: Vec::new() })
 }
 
 /// The effect added to the model in use, as a new version; a formula has the terms `laws`.
@@ -339,7 +341,7 @@ pub(crate) fn add(task: &Task, job: &Job, effect: &str, laws: &[String]) -> miet
         terms => vec![law::formula(task.model.mechanism, terms).into_diagnostic()?],
     };
     let clock = || if job.is_cancelled() { f64::INFINITY } else { 0.0 };
-    let options = Options { clock: &clock, candidates: &typed, ..Options::default() };
+    let options = Options { clock: &clock, candidates: &typed, fitted: task.fit.as_deref(), ..Options::default() };
     let a = diagnosis::add_with(&task.model, effect, &task.data.datasets, &task.data.held_out, &options);
     let a = a.map_err(|error| match TermError::of(&error, laws) {
         Some(fault) => miette::Report::new(fault),
@@ -371,7 +373,7 @@ pub(crate) fn add(task: &Task, job: &Job, effect: &str, laws: &[String]) -> miet
     let provenance = task.provenance("add", &a.fit.parameters);
     Ok(Outcome {
         stages: vec![("add", result, json, report)],
-        model: Some((a.fit.model, provenance, version)),
+        fit: Some((Arc::new(a.fit), provenance, version)),
         errors: Vec::new(),
     })
 }

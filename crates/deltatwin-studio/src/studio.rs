@@ -4,6 +4,7 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use deltatwin::identification::fit::Fit;
 use deltatwin::machine::Mechanism;
 use deltatwin::model::Model;
 use deltatwin_analysis::Data;
@@ -45,6 +46,7 @@ pub(crate) struct Inner {
     /// The machine that is watched, or was last.
     pub live: Option<Live>,
     data: Option<Loaded>,
+    fit: Option<Fitted>,
 }
 
 /// What the viewer shows.
@@ -58,6 +60,13 @@ pub(crate) struct Shown {
     pub version: usize,
     /// The commands that show the same outside of the studio.
     pub commands: Vec<String>,
+}
+
+/// A fit in memory, with the model that it made and the state of the recordings.
+struct Fitted {
+    generation: u64,
+    version: usize,
+    fit: Arc<Fit>,
 }
 
 /// Data in memory, with what they depend on.
@@ -79,6 +88,8 @@ pub(crate) struct Task {
     pub version: usize,
     /// The recordings.
     pub data: Arc<Data>,
+    /// The fit that made the model in use, if it is in memory.
+    pub fit: Option<Arc<Fit>>,
 }
 
 impl Studio {
@@ -101,6 +112,7 @@ impl Studio {
             shown: None,
             live: None,
             data: None,
+            fit: None,
         };
         Ok(Self { folder, claim, inner: Mutex::new(inner) })
     }
@@ -181,7 +193,7 @@ impl Studio {
                 let mut inner = self.lock();
                 if let Some(job) = inner.job.take() {
                     job.cancel();
-                    inner.message = format!("{} was cancelled", job.stage);
+                    inner.message = format!("`{}` is cancelled; nothing has changed", job.stage);
                     inner.revision += 1;
                 }
                 Ok(())
@@ -426,7 +438,13 @@ impl Studio {
         self.change(|session| {
             outcome.apply(session);
             Ok(())
-        })
+        })?;
+        if let Some((fit, ..)) = &outcome.fit {
+            let mut inner = self.lock();
+            let version = inner.session.versions.len() - 1;
+            inner.fit = Some(Fitted { generation, version, fit: fit.clone() });
+        }
+        Ok(())
     }
 
     /// Ends the work that goes on, with a message if it failed.
@@ -466,7 +484,9 @@ impl Studio {
                 data
             }
         };
-        Ok(Task { session, folder: self.folder.clone(), model, version, data })
+        let known = |f: &&Fitted| f.generation == session.generation && f.version == version;
+        let fit = self.lock().fit.as_ref().filter(known).map(|f| f.fit.clone());
+        Ok(Task { session, folder: self.folder.clone(), model, version, data, fit })
     }
 }
 

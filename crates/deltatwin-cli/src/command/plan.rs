@@ -125,7 +125,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         }
         say(out)?;
     } else {
-        print(args, &task, &found, execution.as_ref(), &written)?;
+        print(args, &page, &written)?;
     }
     Ok(if execution.is_none_or(|e| e.is_within(&task.limits)) { DONE } else { BAD_ANSWER })
 }
@@ -233,20 +233,16 @@ fn bounds(task: &Task, found: &Plan) -> miette::Result<()> {
     say(format!("  bound      no motion along the path takes less than {bound:.5} s, with or without jerk limits"))
 }
 
-fn print(
-    args: &Args,
-    task: &Task,
-    found: &Plan,
-    execution: Option<&Execution>,
-    written: &[PathBuf],
-) -> miette::Result<()> {
+fn print(args: &Args, page: &PlanPage, written: &[PathBuf]) -> miette::Result<()> {
+    let PlanPage { task, plan: found, planned, execution, .. } = page;
+    let machine = planned.signals.mechanism;
     say(format!("{}: {:.5} s", task.name, found.time))?;
     bounds(task, found)?;
     let worst = found.worst();
-    let (limit, ratio) =
-        worst.iter().max_by(|a, b| a.1.total_cmp(b.1)).map_or(("none".into(), 0.0), |(l, r)| (l.to_string(), *r));
+    let largest = worst.iter().max_by(|a, b| a.1.total_cmp(b.1));
+    let (limit, ratio) = largest.map_or(("nothing".into(), 0.0), |(limit, ratio)| (limit.title(machine), *ratio));
     say(format!(
-        "  check      {limit} comes to {:.3} % of what may be used, on {} places",
+        "  check      {limit} reaches {:.3} % of what may be used, on {} places",
         1e2 * ratio,
         found.uses.len()
     ))?;
@@ -256,10 +252,10 @@ fn print(
         found.iterations,
         1e3 * found.verify_s
     ))?;
-    let mut table = Table::new(&["  Active limit", "from s", "to s"], &[]);
+    let mut table = Table::new(&["  Active limit", "from s =", "to s ="], &[]);
     let active = found.active();
     for (limit, [from, to]) in active.iter().take(SHOWN) {
-        table.row([format!("  {limit}"), format!("{from:.4}"), format!("{to:.4}")]);
+        table.row([format!("  {}", limit.title(machine)), format!("{from:.4}"), format!("{to:.4}")]);
     }
     say(table)?;
     if active.len() > SHOWN {
@@ -272,7 +268,6 @@ fn print(
             say(format!("  {what} differ by {rms} {unit} RMS, {} {unit} at most", significant(most, 3)))
         };
         say("  Executed by the twin:")?;
-        let machine = e.recording.signals.mechanism;
         row("  torques", &e.torque[..machine.axes()], &machine.unit(Unit::NM).to_string())?;
         row("  strut forces", &e.strut, "N")?;
         row("  accelerations", &[e.acceleration], "m/s²")?;

@@ -9,7 +9,7 @@ use deltatwin::effects;
 use crate::Report;
 use crate::html::escape;
 
-/// Number of cards shown at once beside those of what was found and its rivals.
+/// Number of cards shown at once in addition to those of the effects found and their rivals.
 const OTHERS: usize = 3;
 
 /// Adds a card for every candidate that the data can test, those found first, most of the others folded away; and those
@@ -50,17 +50,17 @@ fn card(html: &mut String, candidate: &CandidateReport, d: &Diagnosis) {
         _ => "",
     };
     let name = escape(&candidate.name);
+    let about = effects::find(&candidate.name).map(|effect| effect.spec().about);
+    let title = about.map_or(name.clone(), |about| escape(about.summary));
     let _ = write!(
         html,
-        "<article class=\"candidate{class}\" data-effect=\"{name}\"><header><h3>{name}</h3><span class=\"standing\">{}</span></header>",
+        "<article class=\"candidate{class}\" data-effect=\"{name}\"><header><h3>{title}</h3><span class=\"standing\">{}</span></header>",
         escape(&candidate.standing.to_string())
     );
-    if let Some(effect) = effects::find(&candidate.name) {
-        let about = effect.spec().about;
+    if let Some(about) = about {
         let _ = write!(
             html,
-            "<p>{}</p><p class=\"law\"><code>{}</code></p><p class=\"small\"><b>Shows</b> {}</p>",
-            escape(about.summary),
+            "<p class=\"small\"><code>{name}</code></p><p class=\"law\"><code>{}</code></p><p class=\"small\"><b>Shows</b> {}</p>",
             escape(about.law),
             escape(about.shows)
         );
@@ -90,7 +90,7 @@ fn card(html: &mut String, candidate: &CandidateReport, d: &Diagnosis) {
     rivals.dedup();
     if !rivals.is_empty() {
         let names: Vec<String> = rivals.iter().map(|n| format!("<code>{}</code>", escape(n))).collect();
-        let _ = write!(html, "<p class=\"small\"><b>Cannot be told apart from</b> {}</p>", names.join(", "));
+        let _ = write!(html, "<p class=\"small\"><b>Not distinguishable from</b> {}</p>", names.join(", "));
     }
     html.push_str("</article>\n");
 }

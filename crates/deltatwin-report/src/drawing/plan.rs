@@ -10,6 +10,9 @@ use deltatwin::recording::{Channel, Recording, Signals};
 /// Factor on the largest z up to which the maximum velocity curve is drawn.
 const CLIPPED: f64 = 1.6;
 
+/// Label of the axis of the path parameter s, which has no unit.
+const PARAMETER: &str = "path parameter s";
+
 fn panel(title: &str, y_label: &str, curves: Vec<Line>) -> Panel {
     Panel { title: title.into(), y_label: y_label.into(), curves }
 }
@@ -28,7 +31,7 @@ pub fn path(curve: &Curve) -> Figure {
     let line = |i: usize| vec![Line::new("planned", s.clone(), of(i)).color(Color::BLUE)];
     panels(
         "Path",
-        "s",
+        PARAMETER,
         &[panel("x", "m", line(0)), panel("y", "m", line(1)), panel("z", "m", line(2)), panel("ψ", "rad", line(3))],
     )
 }
@@ -40,7 +43,7 @@ pub fn speed(plan: &Plan) -> Figure {
     let mvc = plan.mvc.iter().map(|p| if p[1] <= top { p[1] } else { f64::NAN }).collect();
     time_series(
         "Squared path speed and maximum velocity curve",
-        "s",
+        PARAMETER,
         "ṡ² / s⁻²",
         &[
             Line::new("maximum velocity curve", plan.mvc.iter().map(|p| p[0]).collect(), mvc)
@@ -71,7 +74,7 @@ pub fn drives(plan: &Plan, limits: &Limits, axes: usize) -> Figure {
     if limits.has_jerk() {
         all.insert(2, panel("jerk", "of limit", share(Limit::Jerk, true)));
     }
-    panels("Drives, in units of what may be used", "s", &all)
+    panels("Drives, in units of what may be used", PARAMETER, &all)
 }
 
 fn strut(signals: &Signals, s: usize) -> Vec<f64> {
