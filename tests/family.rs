@@ -3,6 +3,7 @@
 use crate::common::{model, planned};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::effects::{ActiveEffect, find};
+use deltatwin::identification::consistency::min_eigenvalue;
 use deltatwin::identification::fit::Options;
 use deltatwin::identification::{Dataset, NoiseLevel, fit, limb_test, predict};
 use deltatwin::kinematics::{JointState, PlatformState};
@@ -205,6 +206,20 @@ fn shipped_motion(name: &str) -> (Model, deltatwin::scenario::Scenario, DesiredM
     let scenario = deltatwin_io::scenario::read(&crate::common::shipped(format!("scenarios/{name}.toml"))).unwrap();
     let motion = scenario.motion(&model).unwrap();
     (model, scenario, motion)
+}
+
+/// Parts of plates that the data hardly determine are bodies nevertheless, the one with the tool included.
+#[test]
+fn fits_of_relatives_are_machines() {
+    for name in RELATIVES {
+        let robot = model(name);
+        for seed in 1..4 {
+            let recorded = [recorded(&robot, seed)];
+            let fitted = fit(&robot, &recorded, &NoiseLevel::of(&robot, &recorded).of_each).unwrap();
+            let least = min_eigenvalue(&fitted.model.bodies);
+            assert!(least > 0.0, "{name}, seed {seed}: {least:e}");
+        }
+    }
 }
 
 /// A motion without corners within the workspace of every relative.

@@ -28,7 +28,6 @@ use super::{BaseParameter, Dataset, Residuals, check_together};
 use crate::dynamics::{PlantParameter, in_configuration};
 use crate::effects::{Param, Role};
 use crate::evidence::Stop;
-use crate::machine::bodies::END_EFFECTOR;
 use crate::model::Model;
 
 pub use answer::{Correction, Estimate, Moved, Reason, Unidentified};
@@ -291,7 +290,7 @@ impl Regression<'_> {
     ) -> Result<Arc<Residuals>, FitError> {
         self.set(model, &possible.values.rows(0, self.free.len()).into_owned());
         // The payload is not part of the machine.
-        let links: Vec<_> = possible.classes.iter().filter(|c| !c.bodies.contains(&END_EFFECTOR)).cloned().collect();
+        let links: Vec<_> = possible.classes.iter().filter(|c| c.owner == 0).cloned().collect();
         let stayed = complete(&links, &possible.values, &mut model.bodies);
         match possible.correction.is_none() && stayed {
             true => Ok(at_estimate),

@@ -12,6 +12,8 @@ use super::full::Full;
 /// Bodies that share the same parameters.
 #[derive(Clone, Debug)]
 pub struct BodyClass {
+    /// Place in the owners of the effect whose parameters they are.
+    pub owner: usize,
     /// The bodies.
     pub bodies: Vec<usize>,
     /// Magnitudes of the shipped body, the reference of the margin.
@@ -184,42 +186,60 @@ pub fn complete(classes: &[BodyClass], x: &DVector<f64>, bodies: &mut Bodies) ->
     stayed
 }
 
-/// Classes of the bodies whose parameters are among `free` (indices of the plant's parameters).
+/// An effect whose parameters are inertia.
+#[derive(Clone, Copy)]
+pub struct Owner<'a> {
+    /// Index of its first parameter among those of the plant.
+    pub first: usize,
+    /// The effect.
+    pub effect: &'a ActiveEffect,
+    /// The bodies that its parameters describe, with their present inertia.
+    pub bodies: &'a Bodies,
+}
+
+/// Classes of the bodies whose parameters are among `free` (indices of the plant's parameters): those of the links and
+/// those of a payload, whichever link carries it.
 ///
-/// `owners` are the effects whose parameters are inertia, each with the index of its first parameter. Variables are
-/// the positions in `free`; masses without a parameter get variables of their own from `free.len()` on, whose present
-/// values are returned.
-pub fn classes(bodies: &Bodies, owners: &[(usize, &ActiveEffect)], free: &[usize]) -> (Vec<BodyClass>, Vec<f64>) {
-    let mut units: Vec<Vec<(usize, Inertia)>> = vec![Vec::new(); bodies.0.len()];
-    for (offset, active) in owners {
-        active.effect.inertia(&active.values(), &Payload::default(), &mut |k, body, unit| {
-            if let Some(variable) = free.iter().position(|&f| f == offset + k) {
-                units[body].push((variable, unit));
-            }
-        });
-    }
-    let mut out: Vec<BodyClass> = Vec::new();
-    let mut masses = Vec::new();
-    for (body, units) in units.iter().enumerate().filter(|(_, u)| !u.is_empty()) {
-        let mut variables: Vec<usize> = units.iter().map(|(v, _)| *v).collect();
-        variables.sort_unstable();
-        let parameters = |c: &BodyClass| c.variables().into_iter().filter(|v| *v < free.len()).collect::<Vec<_>>();
-        let known = out.iter_mut().find(|c| parameters(c) == variables);
-        match known {
-            Some(class) => class.bodies.push(body),
-            None => {
-                let class = class(body, &bodies[body], units, || {
-                    masses.push(bodies[body].mass.max(1e-3));
-                    free.len() + masses.len() - 1
-                });
-                out.push(class);
+/// Variables are the positions in `free`; masses without a parameter get variables of their own from `free.len()` on,
+/// whose present values are returned.
+pub fn classes(owners: &[Owner], free: &[usize]) -> (Vec<BodyClass>, Vec<f64>) {
+    let (mut out, mut masses) = (Vec::new(), Vec::new());
+    for (k, owner) in owners.iter().enumerate() {
+        let first = out.len();
+        for (body, units) in owner.units(free).into_iter().enumerate().filter(|(_, u)| !u.is_empty()) {
+            let mut variables: Vec<usize> = units.iter().map(|(v, _)| *v).collect();
+            variables.sort_unstable();
+            let parameters = |c: &BodyClass| c.variables().into_iter().filter(|v| *v < free.len()).collect::<Vec<_>>();
+            match out[first..].iter_mut().find(|c| parameters(c) == variables) {
+                Some(class) => class.bodies.push(body),
+                None => {
+                    let now = &owner.bodies[body];
+                    let (shape, reference) = shape(now, &units, || {
+                        masses.push(now.mass.max(1e-3));
+                        free.len() + masses.len() - 1
+                    });
+                    out.push(BodyClass { owner: k, bodies: vec![body], reference, shape });
+                }
             }
         }
     }
     (out, masses)
 }
 
-fn class(body: usize, now: &Inertia, units: &[(usize, Inertia)], new_mass: impl FnOnce() -> usize) -> BodyClass {
+impl Owner<'_> {
+    /// Unit inertia of each variable by body.
+    fn units(&self, free: &[usize]) -> Vec<Vec<(usize, Inertia)>> {
+        let mut units = vec![Vec::new(); self.bodies.0.len()];
+        self.effect.effect.inertia(&self.effect.values(), &Payload::default(), &mut |k, body, unit| {
+            if let Some(variable) = free.iter().position(|&f| f == self.first + k) {
+                units[body].push((variable, unit));
+            }
+        });
+        units
+    }
+}
+
+fn shape(now: &Inertia, units: &[(usize, Inertia)], new_mass: impl FnOnce() -> usize) -> (Shape, Reference) {
     let pseudo = now.pseudo_inertia();
     let d = [pseudo[(0, 0)], pseudo[(1, 1)], pseudo[(2, 2)]];
     if let Some(full) = Full::of(units) {
@@ -227,7 +247,7 @@ fn class(body: usize, now: &Inertia, units: &[(usize, Inertia)], new_mass: impl 
         let least = if *now == Inertia::ZERO { SMALL_PAYLOAD } else { Reference { second: 1e-9, mass: 1e-3 } };
         let second = d.iter().fold(least.second, |a: f64, b| a.max(*b));
         let reference = Reference { second, mass: now.mass.max(least.mass) };
-        return BodyClass { bodies: vec![body], reference, shape: Shape::Full(full) };
+        return (Shape::Full(full), reference);
     }
     let own_mass = units.iter().find(|(_, u)| u.mass != 0.0).map(|(v, _)| *v);
     let mass = own_mass.unwrap_or_else(new_mass);
@@ -278,8 +298,7 @@ fn class(body: usize, now: &Inertia, units: &[(usize, Inertia)], new_mass: impl 
         _ => First::Constant(now.first_moment[k]),
     });
     let reference = Reference { second: d.iter().fold(1e-9, |a: f64, b| a.max(*b)), mass: now.mass.max(1e-3) };
-    let shape = Shape::Arrow(Arrow { sizes, moments, second, first, mass });
-    BodyClass { bodies: vec![body], reference, shape }
+    (Shape::Arrow(Arrow { sizes, moments, second, first, mass }), reference)
 }
 
 /// Second moment per kilogram of a body without one, m².

@@ -15,7 +15,7 @@ pub mod log_cholesky;
 #[cfg(test)]
 mod tests;
 
-pub use class::{BodyClass, classes, complete};
+pub use class::{BodyClass, Owner, classes, complete};
 
 use nalgebra::{DMatrix, DVector};
 

@@ -10,7 +10,7 @@ fn shipped() -> (Model, Vec<BodyClass>, DVector<f64>) {
     let model = crate::model::testing::irb360();
     let rigid = Plant::new(&model, &Setup::default()).rigid_bodies();
     let free: Vec<usize> = (0..rigid.values.len()).collect();
-    let (classes, masses) = classes(&model.bodies, &[(0, &rigid)], &free);
+    let (classes, masses) = classes(&[Owner { first: 0, effect: &rigid, bodies: &model.bodies }], &free);
     let x = DVector::from_iterator(free.len() + masses.len(), rigid.values.iter().copied().chain(masses));
     (model, classes, x)
 }

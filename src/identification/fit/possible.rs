@@ -7,7 +7,7 @@ use super::regression::Regression;
 use super::{Consistency, Correction, Work};
 use crate::dynamics::PlantParameter;
 use crate::effects::{Param, payload};
-use crate::identification::consistency::{BodyClass, Cost, classes, cones, log_cholesky};
+use crate::identification::consistency::{BodyClass, Cost, Owner, classes, cones, log_cholesky};
 use crate::machine::bodies::END_EFFECTOR;
 
 /// Cost of consistency above which it is not due to noise: five standard errors of one parameter.
@@ -53,19 +53,19 @@ impl Regression<'_> {
     /// Cost of a deviation from the estimate, with the constraints on bodies and ranges.
     fn cost_of_leaving(&self, estimated: &[PlantParameter], curvature: &DMatrix<f64>) -> Cost {
         let rigid = self.before.rigid_bodies();
-        let mut owners = vec![(0, &rigid)];
+        // The links as in the model file, without contributions of effects and a stated payload; and these alone.
+        let links = &self.before.links;
+        let mut carried = self.before.bodies.clone();
+        carried[END_EFFECTOR] += links[END_EFFECTOR] * -1.0;
+        let mut owners = vec![Owner { first: 0, effect: &rigid, bodies: links }];
         let mut first = rigid.values.len();
-        for active in &self.before.effects {
-            if active.effect.name() == payload::NAME {
-                owners.push((first, active));
+        for effect in &self.before.effects {
+            if effect.effect.name() == payload::NAME {
+                owners.push(Owner { first, effect, bodies: &carried });
             }
-            first += active.values.len();
+            first += effect.values.len();
         }
-        // The links as in the model file, without contributions of effects and a stated payload; for the payload, its
-        // own inertia.
-        let mut bodies = self.before.links.clone();
-        bodies[END_EFFECTOR] = self.before.bodies[END_EFFECTOR];
-        let (classes, masses) = classes(&bodies, &owners, &self.free);
+        let (classes, masses) = classes(&owners, &self.free);
         let (n, m) = (self.free.len(), masses.len());
         let extended =
             |own: &dyn Fn(usize) -> f64| DVector::from_fn(n + m, |i, _| if i < n { own(i) } else { masses[i - n] });
