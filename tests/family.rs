@@ -212,7 +212,8 @@ fn shipped_motion(name: &str) -> (Model, deltatwin::scenario::Scenario, DesiredM
 #[test]
 fn fits_of_relatives_are_machines() {
     for name in RELATIVES {
-        let robot = model(name);
+        let mut robot = model(name);
+        robot.noise.torque = robot.noise.torque.map(|sigma| 10.0 * sigma);
         for seed in 1..4 {
             let recorded = [recorded(&robot, seed)];
             let fitted = fit(&robot, &recorded, &NoiseLevel::of(&robot, &recorded).of_each).unwrap();
