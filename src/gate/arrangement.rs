@@ -155,9 +155,9 @@ impl<'a> Trial<'a> {
         Self { shifted: Some(shifted(plant)), ..Self::new(plant) }
     }
 
-    /// The machine with any load.
+    /// The machine with any load, wherever its centre of mass.
     pub fn loaded(plant: &'a Plant) -> Self {
-        Self { heavier: Some(heavier(plant)), ..Self::new(plant) }
+        Self { heavier: Some(heavier(plant)), ..Self::beyond_friction(plant) }
     }
 
     /// Assessment of an arrangement with the load that suits it best; `None` if the machine cannot reach the poses.

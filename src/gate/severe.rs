@@ -90,7 +90,7 @@ fn with_load(model: &Model, plant: &Plant, instants: &Instants) -> Option<Vec<Fi
     }
     let trial = Trial::loaded(plant);
     let plain = trial.judge(instants, Arrangement::PLAIN);
-    let best = trial.best(instants).filter(|b| b.load > 0.0 && believable(b, plain.as_ref(), plant, instants))?;
+    let best = trial.best(instants).filter(|b| believable(b, plain.as_ref(), plant, instants))?;
     if !best.lines.iter().take(plant.mechanism.arms()).flatten().all(|l| l.slope < 0.0 || usual(l)) {
         return None;
     }
