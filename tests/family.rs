@@ -155,17 +155,25 @@ fn units_of_drives_are_those_of_carriages_and_units_of_links_are_not() {
 
 /// What `robot` measures on a random motion of 8 s, with the noise of its drives.
 fn recorded(robot: &Model, seed: u64) -> Dataset {
+    recorded_with(robot, seed, &[])
+}
+
+/// What `robot` measures with sensors of the upper force in some of its struts, too.
+fn recorded_with(robot: &Model, seed: u64, struts: &[usize]) -> Dataset {
     const PERIOD: f64 = 2e-3;
     let setup = Setup::default();
     let course = Course::RandomFourier { seed, frequency: 0.25, harmonics: 8, share: 0.7 };
     let motion = course.on(robot, &setup).unwrap();
     let t: Vec<f64> = (0..4000).map(|k| k as f64 * PERIOD).collect();
     let joints = t.iter().map(|&t| motion.at(t).joints(&robot.geometry).unwrap()).collect();
-    let channels = Channel::of_drives(robot.mechanism);
+    let mut channels = Channel::of_drives(robot.mechanism);
+    channels.extend(struts.iter().map(|s| Channel::StrutUpper(*s)));
     let mut recorded = Dataset { channels, ..planned(setup, t, joints, PERIOD) };
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     recorded.set_measured(predict(&Plant::new(robot, &setup), &recorded).unwrap());
-    for (series, sigma) in recorded.measured.iter_mut().zip(robot.noise.torque) {
+    let sigmas =
+        robot.noise.torque.iter().take(robot.mechanism.axes()).chain(std::iter::repeat(&robot.noise.strut_force));
+    for (series, &sigma) in recorded.measured.iter_mut().zip(sigmas) {
         let noise = Normal::new(0.0, sigma).unwrap();
         series.iter_mut().for_each(|x| *x += noise.sample(&mut rng));
     }
@@ -208,17 +216,22 @@ fn shipped_motion(name: &str) -> (Model, deltatwin::scenario::Scenario, DesiredM
     (model, scenario, motion)
 }
 
-/// Parts of plates that the data hardly determine are bodies nevertheless, the one with the tool included.
+/// Parts of plates that the data hardly determine are bodies nevertheless, the one with the tool included; and the loads of
+/// the struts are those of the fit.
 #[test]
 fn fits_of_relatives_are_machines() {
     for name in RELATIVES {
         let mut robot = model(name);
         robot.noise.torque = robot.noise.torque.map(|sigma| 10.0 * sigma);
         for seed in 1..4 {
-            let recorded = [recorded(&robot, seed)];
-            let fitted = fit(&robot, &recorded, &NoiseLevel::of(&robot, &recorded).of_each).unwrap();
+            let recorded = [recorded_with(&robot, seed, &[0])];
+            let noise = NoiseLevel::of(&robot, &recorded);
+            let fitted = fit(&robot, &recorded, &noise.of_each).unwrap();
             let least = min_eigenvalue(&fitted.model.bodies);
             assert!(least > 0.0, "{name}, seed {seed}: {least:e}");
+            for (rms, noise) in fitted.residuals.rms.iter().zip(&noise.pooled) {
+                assert!(*rms < 1.05 * noise, "{name}, seed {seed}: {:?} of {:?}", fitted.residuals.rms, noise);
+            }
         }
     }
 }

@@ -123,8 +123,6 @@ fn orders(axes: usize) -> Vec<[usize; AXES]> {
 pub struct Judgement {
     /// The arrangement.
     pub arrangement: Arrangement,
-    /// Mass at the flange in addition to the stated payload, kg.
-    pub load: f64,
     /// Line of each channel's measured values over the predicted ones; `None` where either does not vary.
     pub lines: Vec<Option<Line>>,
     /// Sum over the channels of ln(unexplained share) plus penalties; smaller is better.
@@ -177,12 +175,12 @@ impl<'a> Trial<'a> {
             Some(features) => Line::of(&beyond(p, features)?, &beyond(&measured[c], features)?),
             None => Line::of(p, &measured[c]),
         };
-        let judged = |series: &[Vec<f64>], load: f64| {
+        let judged = |series: &[Vec<f64>]| {
             let lines: Vec<Option<Line>> = series.iter().enumerate().map(line).collect();
             let cost = lines.iter().flatten().map(cost).sum::<f64>() + CHANGE * arrangement.changes() as f64;
-            Judgement { arrangement, load, lines, cost }
+            Judgement { arrangement, lines, cost }
         };
-        let own = judged(&predicted.series, 0.0);
+        let own = judged(&predicted.series);
         let Some(heavier) = &self.heavier else { return Some(own) };
         let heavy = Predicted::new(heavier, &dataset.channels, t, &joints);
         if heavy.possible != predicted.possible {
@@ -194,7 +192,7 @@ impl<'a> Trial<'a> {
         let most = LOADS.1 * size(&predicted.series) / size(&kilogram).max(f64::MIN_POSITIVE);
         let with = |load: f64| {
             let one = |(p, k): (&Vec<f64>, &Vec<f64>)| p.iter().zip(k).map(|(p, k)| p + load * k).collect();
-            judged(&predicted.series.iter().zip(&kilogram).map(one).collect::<Vec<Vec<f64>>>(), load)
+            judged(&predicted.series.iter().zip(&kilogram).map(one).collect::<Vec<Vec<f64>>>())
         };
         // Squares of equally spaced numbers: small loads are told apart more finely.
         let load = |k: f64| most * (k / LOADS.0 as f64).powi(2);

@@ -1,8 +1,9 @@
 //! Joint rates and accelerations from encoder angles.
 //!
 //! The default is a smoother ([`super::smoother`]) whose process noise is estimated by maximum likelihood per axis.
-//! Dry friction changes sign when an axis reverses, and the accelerations of all axes change steeply with it. Only
-//! there the smoother permits jumps of q̈, with an intensity estimated from the data.
+//! Dry friction changes sign when an axis reverses, and the accelerations of all axes change steeply with it; they change
+//! back when the controller follows, some milliseconds later. Only there the smoother permits jumps of q̈, with an intensity
+//! and for a time estimated from the data.
 //!
 //! Samples at unequal times are smoothed at the times they have. A missing sample widens a step, and nothing else. Whether
 //! the recorded times are those of the samples, or those of a logger that came late to even samples, the angles decide, by
@@ -39,8 +40,12 @@ const ACCELERATION_NOISE: [f64; AXES] = [0.05, 0.05, 0.05, 0.5];
 const TURNING: f64 = 0.05;
 /// Time that counts as nearby, s.
 const NEARBY: f64 = 0.02;
-/// Shortest and longest time before and after the reversal in which q̈ may jump, s.
-const JUMPING: [f64; 2] = [1e-3, 1e-2];
+/// Times before and after the reversal in which q̈ may jump, s, shortest first; and the longest for an axis that is slow
+/// for longer.
+const JUMPING: [f64; 3] = [1e-3, 3e-3, 6e-3];
+const LONGEST_JUMPING: f64 = 1e-2;
+/// Gain of the logarithm of the likelihood by which a longer time must be better.
+const CLEARLY: f64 = 20.0;
 /// Duration, s, and largest frequency, Hz, of the ringing of elastic gears after a reversal.
 const RINGING: f64 = 0.08;
 const FASTEST_RINGING: f64 = 250.0;
@@ -319,11 +324,11 @@ impl<'a> Angles<'a> {
 
     fn smoothed(&self, half_widths: [usize; AXES], jumps: Option<Jumps>) -> (Vec<Segment>, [Accuracy; AXES]) {
         let most = jumps.map_or(JUMP[1], |j| j.most);
-        let smoothed = |i: usize, apart: &[Vec<bool>], turns: &[Vec<bool>], finest: f64| match half_widths[i] {
+        let smoothed = |i: usize, apart: &[Turns], turns: &[Turns], finest: f64| match half_widths[i] {
             m if m > MIN_HALF_WIDTH => Axis::new(self, i).smoothed(apart, turns, most.min(finest)),
             m => self.each(i, |x| polynomial(x, m, self.sigma[i])),
         };
-        let nowhere = self.nowhere();
+        let nowhere = [self.nowhere()];
         let first = |i: usize| smoothed(i, &nowhere, &nowhere, JUMP[1]);
         let with_known = |i: usize, mut all: Vec<Smoothed>| {
             if !self.grids.is_empty() && half_widths[i] > MIN_HALF_WIDTH {
@@ -340,14 +345,17 @@ impl<'a> Angles<'a> {
             (all.iter().map(rates).collect(), self.finest_jump(i, all.iter().flat_map(|s| &s.values)))
         };
         by_pairs(self.samples() < LONG, known, |i, known| (rates[i], finest[i]) = known);
-        let turning = |ringing: f64| -> Vec<Vec<bool>> {
+        let turning = |shortest: f64, ringing: f64| -> Turns {
             let of = |s: usize| {
-                let turns = turns(&std::array::from_fn(|i| rates[i][s].as_slice()), self.dt, ringing);
+                let turns = turns(&std::array::from_fn(|i| rates[i][s].as_slice()), self.dt, [shortest, ringing]);
                 self.grids.get(s).map_or_else(|| turns.clone(), |grid| grid.parts(&turns))
             };
             (0..self.stretches.len()).map(of).collect()
         };
-        let (at_once, later) = (turning(0.0), turning(jumps.ringing));
+        // Ringing takes longer than any of the times.
+        let times = if jumps.ringing > 0.0 { &JUMPING[..1] } else { &JUMPING[..] };
+        let at_once: Vec<Turns> = times.iter().map(|time| turning(*time, 0.0)).collect();
+        let later: Vec<Turns> = times.iter().map(|time| turning(*time, jumps.ringing)).collect();
         drop(rates);
         self.joined(|i| with_known(i, smoothed(i, &at_once, &later, finest[i])))
     }
@@ -419,12 +427,12 @@ fn polynomial(x: &[f64], m: usize, sigma: f64) -> Smoothed {
     Smoothed { values, errors: [m as f64, rate, acceleration], margin: m, known: None }
 }
 
-/// Whether q̈ may jump in each step of a segment: an axis reverses, given the rates of all axes in rad/s, or did so
-/// less than `ringing` seconds ago.
-fn turns(rates: &[&[f64]; AXES], dt: f64, ringing: f64) -> Vec<bool> {
+/// Whether q̈ may jump in each step of a segment: an axis reverses, given the rates of all axes in rad/s, within
+/// `shortest` seconds, or did so less than `ringing` seconds ago.
+fn turns(rates: &[&[f64]; AXES], dt: f64, [shortest, ringing]: [f64; 2]) -> Vec<bool> {
     let mut turns = no_turns(rates[0].len());
     let steps = turns.len();
-    let [shortest, longest, ringing] = [JUMPING[0], JUMPING[1], ringing].map(|t| (t / dt).ceil() as usize);
+    let [shortest, longest, ringing] = [shortest, LONGEST_JUMPING, ringing].map(|t| (t / dt).ceil() as usize);
     let nearby = (NEARBY / dt).ceil() as usize;
     for v in rates {
         for k in (0..steps).filter(|&k| (v[k] < 0.0) != (v[k + 1] < 0.0)) {
@@ -465,8 +473,18 @@ struct Snap {
     likelihood: f64,
 }
 
+impl Snap {
+    /// Intensity of the noise in q⁗, and variance of the readings.
+    fn noise(&self) -> (f64, f64) {
+        (self.intensity, self.variance)
+    }
+}
+
 /// A part of a segment: the segment's index and the range of samples.
 type Piece = (usize, Range<usize>);
+
+/// Whether q̈ may jump in each step of every segment.
+type Turns = Vec<Vec<bool>>;
 
 /// Number and length in samples of the pieces, spread over the recording, over which likelihoods are summed …
 const PIECES: usize = 24;
@@ -510,10 +528,28 @@ impl<'a> Axis<'a> {
     }
 
     /// Smooths with the maximum-likelihood intensities: of the noise in q⁗, estimated apart from `apart`, and of the
-    /// noise in q⃛ in `turns`, with a logarithm of at most `most`.
-    fn smoothed(&self, apart: &[Vec<bool>], turns: &[Vec<bool>], most: f64) -> Vec<Smoothed> {
-        let Snap { intensity: snap, variance, .. } = self.snap(apart);
-        let jump = self.jump(snap, variance, turns, most);
+    /// noise in q⃛ in `turns`, with a logarithm of at most `most`; and with those of several `turns` that are likeliest.
+    fn smoothed(&self, apart: &[Turns], turns: &[Turns], most: f64) -> Vec<Smoothed> {
+        let (mut snap, mut variance) = self.snap(&apart[0]).noise();
+        let mut jump = self.jump(snap, variance, &turns[0], most);
+        let mut turns_at = 0;
+        if let [_, .., longest] = turns {
+            let pieces = reversals(longest);
+            let likelihood = |k: usize, jump: f64| self.likelihood(&pieces, snap, &turns[k], jump).ln(variance);
+            let mut best = likelihood(0, jump);
+            for k in 1..turns.len() {
+                let own = self.jump(snap, variance, &turns[k], most);
+                let ln = likelihood(k, own);
+                if ln > best + CLEARLY {
+                    (best, turns_at) = (ln, k);
+                }
+            }
+        }
+        if turns_at > 0 {
+            (snap, variance) = self.snap(&apart[turns_at]).noise();
+            jump = self.jump(snap, variance, &turns[turns_at], most);
+        }
+        let turns = &turns[turns_at];
         let margin = (MARGIN * width(snap)).ceil() as usize;
         let [rate, acceleration] = [1, 2].map(|d| self.sigma * variance.sqrt() * standard_error(snap, d));
         let errors = [width(snap), rate, acceleration];

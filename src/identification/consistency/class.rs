@@ -260,8 +260,9 @@ fn shape(now: &Inertia, units: &[(usize, Inertia)], new_mass: impl FnOnce() -> u
         .collect();
     let single = tensors.iter().find(|(_, axes)| axes.iter().filter(|a| **a).count() == 1);
     let double = tensors.iter().find(|(_, axes)| axes.iter().filter(|a| **a).count() == 2);
+    // A first moment without a parameter shows in the loads of the sockets, so that it stays.
     let by_mass = |k: usize| {
-        if own_first[k].is_some() {
+        if own_first[k].is_some() || now.first_moment[k] != 0.0 {
             (Source::Constant, if d[k] > 0.0 { d[k] } else { POINT_SECOND_MOMENT })
         } else {
             (Source::Mass, if now.mass > 0.0 && d[k] > 0.0 { d[k] / now.mass } else { POINT_SECOND_MOMENT })
