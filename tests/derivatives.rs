@@ -3,9 +3,10 @@
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::identification::{Dataset, Method};
 use deltatwin::kinematics::JointState;
-use deltatwin::machine::AXES;
+use deltatwin::machine::{AXES, Setup};
 use deltatwin::recording::{Channel, Recording, Signals};
-use deltatwin::twin::{Options, simulate};
+use deltatwin::scenario::{Course, Sensors};
+use deltatwin::twin::{Gains, Options, simulate};
 use deltatwin_io::{model, recording, scenario};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -128,6 +129,32 @@ fn jerky_motions_are_resolved_as_far_as_encoders_allow() {
     check("scenarios/constant-speed.toml", [1.01; AXES]);
     check("scenarios/static-poses.toml", [1.07; AXES]);
     check("scenarios/path.toml", [1.2, 1.25, 1.2, 1.02]);
+}
+
+/// Where arms are light and loosely controlled, the friction of a reversal changes their acceleration until the controller
+/// follows, some milliseconds later. Jumps at the reversal alone would follow that worse than a smooth motion does.
+#[test]
+fn controllers_answer_reversals_late() {
+    for (name, seed) in [("i4", 1), ("i4", 2), ("par4", 1)] {
+        let mut machine = crate::common::model(name);
+        let setup = Setup::default();
+        let course = Course::RandomFourier { seed, frequency: 0.5, harmonics: 5, share: 0.7 };
+        let motion = course.on(&machine, &setup).expect("a motion");
+        // The fourth arm is held as loosely as the axis of a telescope.
+        let gains = Some(Gains::default());
+        let mut options = Options { duration: 10.0, noise_seed: Some(seed), gains, ..Options::default() };
+        options.sensors = Sensors { velocity: true, acceleration: true, ..options.sensors };
+        let believed = Plant::new(&machine, &setup);
+        // A tenth more friction than the controller expects.
+        let friction = machine.effects.iter_mut().find(|a| a.effect.name() == "drive_friction").expect("friction");
+        friction.values.iter_mut().take(machine.mechanism.axes()).for_each(|coulomb| *coulomb *= 1.1);
+        let plant = Plant::new(&machine, &setup);
+        let (recording, _) =
+            simulate(&machine, &setup, &believed, &|t| motion.at(t), &options, &mut |_| true).expect("a run");
+        let [found, smoother] = [Method::Reversals, Method::Smoother].map(|m| errors(&recording, &plant, m).residual);
+        println!("{name}, seed {seed}: {found:.3?}, without jumps {smoother:.3?}");
+        assert!(found.iter().zip(&smoother).all(|(own, other)| *own < other + 0.03), "{name}: {found:?} {smoother:?}");
+    }
 }
 
 /// Acceleration errors of a smooth motion that is read at the given times, rounded to encoder steps and written to a file.

@@ -245,7 +245,7 @@ fn run(
     let mut rng = ChaCha8Rng::seed_from_u64(8);
     let limits = MotionLimits::of(believed, 0.4);
     let options =
-        Options { duration, noise_seed: noise.then_some(3), gains: Gains::of(believed), ..Options::default() };
+        Options { duration, noise_seed: noise.then_some(3), gains: Some(Gains::of(believed)), ..Options::default() };
     if plant.assembled {
         let motion = FourierMotion::random(&plant, &limits, 1.0 / duration, 8, &mut rng);
         return simulate(robot, setup, &plant, &|t| motion.at(t), &options, &mut |_| true).unwrap();

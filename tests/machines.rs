@@ -82,7 +82,7 @@ pub(crate) fn run(
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let limits = MotionLimits::of(believed, 0.6);
     let options =
-        Options { duration, noise_seed: noise.then_some(seed), gains: Gains::of(believed), ..Options::default() };
+        Options { duration, noise_seed: noise.then_some(seed), gains: Some(Gains::of(believed)), ..Options::default() };
     if plant.assembled {
         let motion = FourierMotion::random(&plant, &limits, 1.0 / duration, HARMONICS, &mut rng);
         return simulate(robot, setup, &plant, &|t| motion.at(t), &options, &mut |_| true).expect("a feasible motion");

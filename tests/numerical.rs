@@ -57,7 +57,7 @@ proptest! {
         let options = Options {
             duration: 40.0 * sample_time,
             substeps,
-            gains: Gains { proportional: [gain; 4], derivative: [gain / 50.0; 4], ..Gains::default() },
+            gains: Some(Gains { proportional: [gain; 4], derivative: [gain / 50.0; 4], ..Gains::default() }),
             ..Options::default()
         };
         let controller = Plant::new(&robot, &setup);

@@ -473,13 +473,6 @@ struct Snap {
     likelihood: f64,
 }
 
-impl Snap {
-    /// Intensity of the noise in q⁗, and variance of the readings.
-    fn noise(&self) -> (f64, f64) {
-        (self.intensity, self.variance)
-    }
-}
-
 /// A part of a segment: the segment's index and the range of samples.
 type Piece = (usize, Range<usize>);
 
@@ -530,26 +523,12 @@ impl<'a> Axis<'a> {
     /// Smooths with the maximum-likelihood intensities: of the noise in q⁗, estimated apart from `apart`, and of the
     /// noise in q⃛ in `turns`, with a logarithm of at most `most`; and with those of several `turns` that are likeliest.
     fn smoothed(&self, apart: &[Turns], turns: &[Turns], most: f64) -> Vec<Smoothed> {
-        let (mut snap, mut variance) = self.snap(&apart[0]).noise();
-        let mut jump = self.jump(snap, variance, &turns[0], most);
-        let mut turns_at = 0;
-        if let [_, .., longest] = turns {
-            let pieces = reversals(longest);
-            let likelihood = |k: usize, jump: f64| self.likelihood(&pieces, snap, &turns[k], jump).ln(variance);
-            let mut best = likelihood(0, jump);
-            for k in 1..turns.len() {
-                let own = self.jump(snap, variance, &turns[k], most);
-                let ln = likelihood(k, own);
-                if ln > best + CLEARLY {
-                    (best, turns_at) = (ln, k);
-                }
-            }
-        }
-        if turns_at > 0 {
-            (snap, variance) = self.snap(&apart[turns_at]).noise();
-            jump = self.jump(snap, variance, &turns[turns_at], most);
-        }
-        let turns = &turns[turns_at];
+        let shortest = self.snap(&apart[0]);
+        let (turns, Snap { intensity: snap, variance, .. }) = match self.likeliest(&shortest, turns, most) {
+            0 => (&turns[0], shortest),
+            k => (&turns[k], self.snap(&apart[k])),
+        };
+        let jump = self.jump(snap, variance, turns, most);
         let margin = (MARGIN * width(snap)).ceil() as usize;
         let [rate, acceleration] = [1, 2].map(|d| self.sigma * variance.sqrt() * standard_error(snap, d));
         let errors = [width(snap), rate, acceleration];
@@ -567,6 +546,24 @@ impl<'a> Axis<'a> {
             Smoothed { values, errors, margin, known: None }
         };
         (0..self.stretches.len()).map(stretch).collect()
+    }
+
+    /// Place of the likeliest of several `turns`, each longer than those before it, given the noise of the motion.
+    fn likeliest(&self, noise: &Snap, turns: &[Turns], most: f64) -> usize {
+        let [_, .., longest] = turns else { return 0 };
+        let pieces = reversals(longest);
+        let likelihood = |turns: &Turns| {
+            let jump = self.jump(noise.intensity, noise.variance, turns, most);
+            self.likelihood(&pieces, noise.intensity, turns, jump).ln(noise.variance)
+        };
+        let mut best = (0, likelihood(&turns[0]));
+        for (k, turns) in turns.iter().enumerate().skip(1) {
+            let ln = likelihood(turns);
+            if ln > best.1 + CLEARLY {
+                best = (k, ln);
+            }
+        }
+        best.0
     }
 
     /// What a smoother of constant smoothness determines of each segment.

@@ -24,8 +24,8 @@ pub struct Options {
     pub noise_seed: Option<u64>,
     /// Recorded channels.
     pub sensors: scenario::Sensors,
-    /// Controller gains.
-    pub gains: Gains,
+    /// Controller gains; `None` means those of [`Gains::of`] the machine.
+    pub gains: Option<Gains>,
     /// Ball sockets; `None` means healthy ones whose margins are only reported.
     pub clamps: Option<Clamps>,
     /// Conditions under which the drives trip.
@@ -91,7 +91,7 @@ impl Default for Options {
             formulation: Formulation::default(),
             noise_seed: Some(0),
             sensors: scenario::Sensors::default(),
-            gains: Gains::default(),
+            gains: None,
             clamps: None,
             supervision: Supervision::default(),
             objects: Vec::new(),
@@ -119,11 +119,11 @@ impl Options {
             formulation: scenario.formulation,
             noise_seed: scenario.noise.then_some(scenario.seed),
             sensors: scenario.sensors,
-            gains: Gains {
+            gains: Some(Gains {
                 proportional: scenario.gains.proportional.unwrap_or(gains.proportional),
                 derivative: scenario.gains.derivative.unwrap_or(gains.derivative),
                 cutoff: scenario.gains.cutoff.unwrap_or(gains.cutoff),
-            },
+            }),
             clamps: Some(Clamps {
                 hold: scenario.socket_holds(model),
                 preload: scenario.socket_preloads(model),

@@ -9,7 +9,7 @@ use crate::machine::{AXES, MAX_STRUTS, Setup};
 use crate::model::Model;
 use crate::scenario::SUBSTEPS;
 use crate::twin::contacts::{Contacts, Surroundings};
-use crate::twin::controller::Controller;
+use crate::twin::controller::{Controller, Gains};
 use crate::twin::machine::{Checkpoint, Twin};
 use crate::twin::sensors::Sensors;
 use crate::twin::sockets::Clamps;
@@ -54,7 +54,8 @@ impl<'a> Run<'a> {
             Twin::formulated(plant, &motion, options.formulation).map_err(|_| singular_start(&motion, assembled))?;
         twin.deflect_gears(&deflection);
         let step = model.sample_time * options.control_period as f64;
-        let controller = Controller::new(controller_plant, model.drives, options.gains, step);
+        let controller =
+            Controller::new(controller_plant, model.drives, options.gains.unwrap_or_else(|| Gains::of(model)), step);
         let torque = Torque::constant(controller.feed_forward(&wanted).map_err(trajectory)?);
         let clamps = match options.clamps {
             _ if !assembled => Clamps::none(),
