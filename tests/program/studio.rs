@@ -464,7 +464,7 @@ fn a_cancelled_stage_ends_at_once() {
             assert!(pause > 0, "the stage had not ended");
             continue;
         }
-        assert_eq!(state["message"], "why was cancelled");
+        assert_eq!(state["message"], "`why` is cancelled; nothing has changed");
         assert!(studio.done(json!({"do": "where"}))["session"]["stages"]["why"].is_null());
     }
 }

@@ -116,7 +116,10 @@ var deltatwin = (() => {
   const axis = (label, size) => ({
     stroke: () => css("--quiet"), grid: { stroke: () => css("--grid"), width: 1 }, ticks: { stroke: () => css("--grid"), width: 1 },
     font: "11px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif", label, labelSize: label ? 18 : 0, size,
+    // The three decimals of the default show small steps as equal numbers.
+    values: (u, all, index, space, step) => all.map(x => x === null ? "" : step < 1e-3 ? String(+x.toPrecision(6)) : plain.format(x)),
   });
+  const plain = new Intl.NumberFormat(navigator.language);
 
   function band(noise) {
     return u => {

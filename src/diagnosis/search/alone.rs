@@ -4,7 +4,8 @@
 //! invisible. That something is missing is clear nevertheless where the error exceeds the noise in both the fitted and the
 //! validation data, and an effect that explains most of it there is a better answer than none. So is cogging where both have
 //! the same line over the angle of a motor, which is noise with a memory to the whitened ranking. And where the first of
-//! several effects that promise as much leaves more than noise, another one may leave none.
+//! several effects that promise as much leaves more than noise, another one may leave none. So may one that promises more
+//! alone than the named one does, which parameters of the model imitate better.
 
 use super::Search;
 use super::standing::Standing;
@@ -24,6 +25,12 @@ const PROMISED: f64 = 0.3;
 const EXPLAINED: f64 = 0.7;
 const BY_LINES: f64 = 0.3;
 
+/// Largest ratio of what a rival leaves above the noise to what the named effect leaves: promised on the fitted data, and
+/// found on the validation data. There the difference must be a share of the noise as well, whose energy varies.
+const OUTPROMISED: f64 = 0.75;
+const OUTDONE: f64 = 0.7;
+const BEYOND_CHANCE: f64 = 0.02;
+
 impl Search<'_> {
     /// The effect that explains most alone, if `standing` names one at most and leaves more than noise.
     pub(super) fn or_alone(
@@ -32,27 +39,18 @@ impl Search<'_> {
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Standing, DiagnosisError> {
         let judge = self.judge;
-        let named: Vec<usize> = standing.outcome.findings.iter().map(|f| f.chosen.candidate).collect();
-        // An effect that does not follow the validation data alone may stand for another one.
-        let is_open = match named[..] {
-            [] => judge.leaves_more(&standing.end),
-            [_] => judge.is_more_than_noise(standing.end.rms()),
-            _ => false,
-        };
-        if !is_open || !standing.not_tried.is_empty() || self.settings.max_steps == 0 || judge.fitting.is_late() {
+        if !standing.not_tried.is_empty() || self.settings.max_steps == 0 || judge.fitting.is_late() {
             return Ok(standing);
         }
         let above = |judged: &Judged| self.above(relative_energy(judged.rms(), &judge.floor));
         let before = above(&standing.end);
-        let lines = if named.is_empty() { self.lines(&standing.end) } else { None }.map(|chosen| (chosen, BY_LINES));
         let mut best: Option<(f64, Chosen, Judged)> = None;
-        let promising = self.most_promising().into_iter().map(|chosen| (chosen, EXPLAINED));
-        for (chosen, least) in lines.into_iter().chain(promising).filter(|(c, _)| !named.contains(&c.candidate)) {
+        for (chosen, least) in self.alternatives(&standing, before) {
             progress(Progress::Step(&format!("refit with {} alone", self.shape(&chosen).effect.name())));
             // An effect with which no machine can be fitted is left out.
             let Ok(fitted) = self.refit(&[chosen], self.all.as_ref()) else { continue };
             let left = above(&fitted);
-            if left <= (1.0 - least) * before && best.as_ref().is_none_or(|(least, ..)| left < *least) {
+            if before - left >= least && best.as_ref().is_none_or(|(least, ..)| left < *least) {
                 best = Some((left, chosen, fitted));
             }
         }
@@ -62,6 +60,30 @@ impl Search<'_> {
         judge.fitting.count_rankings(outcome.rankings);
         let found = self.confirm_some(outcome, end)?;
         Ok(if found.outcome.findings.is_empty() { standing } else { found })
+    }
+
+    /// Effects that may stand in place of what is named, each with its least gain on the validation data, where `before` is
+    /// left above the noise.
+    fn alternatives(&self, standing: &Standing, before: f64) -> Vec<(Chosen, f64)> {
+        let judge = self.judge;
+        let named: Vec<usize> = standing.outcome.findings.iter().map(|f| f.chosen.candidate).collect();
+        // An effect that does not follow the validation data alone may stand for another one.
+        let (is_open, mut all) = match named[..] {
+            [] if judge.leaves_more(&standing.end) => {
+                (true, self.lines(&standing.end).map(|c| (c, BY_LINES * before)).into_iter().collect())
+            }
+            [one] => {
+                let least = f64::max((1.0 - OUTDONE) * before, BEYOND_CHANCE * judge.floor.len() as f64);
+                let rivals = if before > least { self.outpromising(one) } else { Vec::new() };
+                let rivals = rivals.into_iter().map(|c| (c, least)).collect();
+                (judge.is_more_than_noise(standing.end.rms()), rivals)
+            }
+            _ => (false, Vec::new()),
+        };
+        let known: Vec<usize> = named.into_iter().chain(all.iter().map(|(c, _)| c.candidate)).collect();
+        let promising = if is_open { self.most_promising() } else { Vec::new() };
+        all.extend(promising.into_iter().filter(|c| !known.contains(&c.candidate)).map(|c| (c, EXPLAINED * before)));
+        all
     }
 
     /// Cogging, if the residuals of a drive have a line over the angle of its motor.
@@ -75,10 +97,23 @@ impl Search<'_> {
     fn most_promising(&self) -> Vec<Chosen> {
         let Some(all) = &self.all else { return Vec::new() };
         let whole = self.above(all.energy(&all.sum_of_squares));
+        self.promising((1.0 - PROMISED) * whole)
+    }
+
+    /// Effects that promise clearly more alone than the candidate `named`, best first.
+    fn outpromising(&self, named: usize) -> Vec<Chosen> {
+        let Some(all) = &self.all else { return Vec::new() };
+        let own = all.candidates.iter().find(|a| a.candidate == named);
+        own.map_or_else(Vec::new, |a| self.promising(OUTPROMISED * self.above(all.energy(&a.sum_of_squares))))
+    }
+
+    /// Effects that alone promise to leave at most so much above the noise of the fitted data, best first.
+    fn promising(&self, most: f64) -> Vec<Chosen> {
+        let Some(all) = &self.all else { return Vec::new() };
         let left = |a: &Assessment| self.above(all.energy(&a.sum_of_squares));
         let is_possible = |a: &&Assessment| a.rank > 0 && !self.is_in_model(&a.name);
         let mut promising: Vec<&Assessment> = all.candidates.iter().filter(is_possible).collect();
-        promising.retain(|a| left(a) <= (1.0 - PROMISED) * whole);
+        promising.retain(|a| left(a) <= most);
         promising.sort_by(|a, b| left(a).total_cmp(&left(b)));
         let chosen = |a: &&Assessment| Chosen { candidate: a.candidate, variant: a.variant };
         promising.iter().take(FITTED).map(chosen).collect()
