@@ -347,7 +347,7 @@ impl<'a> Angles<'a> {
         by_pairs(self.samples() < LONG, known, |i, known| (rates[i], finest[i]) = known);
         let turning = |shortest: f64, ringing: f64| -> Turns {
             let of = |s: usize| {
-                let turns = turns(&std::array::from_fn(|i| rates[i][s].as_slice()), self.dt, [shortest, ringing]);
+                let turns = turns(&std::array::from_fn(|i| rates[i][s].as_slice()), self.dt, shortest, ringing);
                 self.grids.get(s).map_or_else(|| turns.clone(), |grid| grid.parts(&turns))
             };
             (0..self.stretches.len()).map(of).collect()
@@ -429,7 +429,7 @@ fn polynomial(x: &[f64], m: usize, sigma: f64) -> Smoothed {
 
 /// Whether q̈ may jump in each step of a segment: an axis reverses, given the rates of all axes in rad/s, within
 /// `shortest` seconds, or did so less than `ringing` seconds ago.
-fn turns(rates: &[&[f64]; AXES], dt: f64, [shortest, ringing]: [f64; 2]) -> Vec<bool> {
+fn turns(rates: &[&[f64]; AXES], dt: f64, shortest: f64, ringing: f64) -> Vec<bool> {
     let mut turns = no_turns(rates[0].len());
     let steps = turns.len();
     let [shortest, longest, ringing] = [shortest, LONGEST_JUMPING, ringing].map(|t| (t / dt).ceil() as usize);
@@ -521,7 +521,8 @@ impl<'a> Axis<'a> {
     }
 
     /// Smooths with the maximum-likelihood intensities: of the noise in q⁗, estimated apart from `apart`, and of the
-    /// noise in q⃛ in `turns`, with a logarithm of at most `most`; and with those of several `turns` that are likeliest.
+    /// noise in q⃛ in `turns`, with a logarithm of at most `most`. Of several `turns`, each with its `apart`, the likeliest
+    /// are used.
     fn smoothed(&self, apart: &[Turns], turns: &[Turns], most: f64) -> Vec<Smoothed> {
         let shortest = self.snap(&apart[0]);
         let (turns, Snap { intensity: snap, variance, .. }) = match self.likeliest(&shortest, turns, most) {

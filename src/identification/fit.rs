@@ -289,7 +289,7 @@ impl Regression<'_> {
         at_estimate: Arc<Residuals>,
     ) -> Result<Arc<Residuals>, FitError> {
         self.set(model, &possible.values.rows(0, self.free.len()).into_owned());
-        // The payload is not part of the machine.
+        // The first owner is the links; a payload is not part of the machine.
         let links: Vec<_> = possible.classes.iter().filter(|c| c.owner == 0).cloned().collect();
         let stayed = complete(&links, &possible.values, &mut model.bodies);
         match possible.correction.is_none() && stayed {

@@ -24,7 +24,7 @@ pub struct Options {
     pub noise_seed: Option<u64>,
     /// Recorded channels.
     pub sensors: scenario::Sensors,
-    /// Controller gains; `None` means those of [`Gains::of`] the machine.
+    /// Controller gains; if `None`, [`Gains::of`] the simulated machine.
     pub gains: Option<Gains>,
     /// Ball sockets; `None` means healthy ones whose margins are only reported.
     pub clamps: Option<Clamps>,
