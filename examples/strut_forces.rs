@@ -6,7 +6,7 @@ use std::path::Path;
 
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
-use deltatwin::machine::STRUTS;
+use deltatwin::machine::six_struts;
 use deltatwin::recording::Channel;
 use deltatwin::twin::{Options, simulate};
 use deltatwin_io::{model, scenario};
@@ -24,7 +24,7 @@ fn main() -> Result<()> {
     let controller = Plant::new(&believed, &scenario.setup);
     let motion = scenario.motion(&believed).into_diagnostic()?;
     println!("largest strut force at the elbow, N, over {} s", scenario.duration);
-    println!("friction moment of a ball{}", (1..=STRUTS).map(|s| format!("   strut {s}")).collect::<String>());
+    println!("friction moment of a ball{}", six_struts().map(|s| format!("   strut {}", s + 1)).collect::<String>());
     for moment in MOMENTS {
         let mut machine = machine.clone();
         machine.effects.retain(|active| active.effect.name() != "ball_socket_coulomb");
@@ -32,12 +32,12 @@ fn main() -> Result<()> {
         machine.effects.push(ActiveEffect::new(friction, &[&[moment], &[REGULARISATION]]));
 
         let mut options = Options::of(&scenario, &machine);
-        options.sensors.strut_upper = std::array::from_fn(|s| s < STRUTS);
+        options.sensors.strut_upper = std::array::from_fn(|s| six_struts().contains(&s));
         let (recording, report) =
             simulate(&machine, &scenario.setup, &controller, &|t| motion.at(t), &options, &mut |_| true)
                 .into_diagnostic()?;
         let peak = |forces: &[f64]| forces.iter().fold(0.0f64, |peak, f| peak.max(f.abs()));
-        let upper = (0..STRUTS).map(|strut| peak(&recording.signals[Channel::StrutUpper(strut)]));
+        let upper = six_struts().map(|strut| peak(&recording.signals[Channel::StrutUpper(strut)]));
         let peaks = upper.map(|peak| format!("{peak:10.1}"));
         println!("{moment:21.3} N·m{}", peaks.collect::<String>());
         assert!(report.energy_closes(), "the step is too long for the motion");

@@ -3,9 +3,8 @@
 use crate::common::{model, shipped};
 use deltatwin::dynamics::Plant;
 use deltatwin::kinematics::Motion;
-use deltatwin::kinematics::motion::MAX_SOCKETS;
 use deltatwin::machine::bodies::{END_EFFECTOR, SLOTS};
-use deltatwin::machine::{Inertia, Setup};
+use deltatwin::machine::{Inertia, Setup, each};
 use deltatwin::model::Model;
 use deltatwin::recording::{Channel, Recording};
 use deltatwin::scenario::{DesiredMotion, Formulation};
@@ -149,7 +148,7 @@ fn sockets_of_a_relative_leave_their_balls_and_its_drives_trip() {
         };
         // Sockets that hold less than the motion asks for.
         let hold = 0.8 * (model(name).sockets.dislocation_force - least(&whole));
-        let clamps = Clamps { hold: [hold; MAX_SOCKETS], preload: [1e12; MAX_SOCKETS], share: 0.0, armed: true };
+        let clamps = Clamps { hold: each(hold), preload: each(1e12), share: 0.0, armed: true };
         let (broken, report) = run(name, |_, options| {
             options.clamps = Some(clamps);
             options.contacts = Some(deltatwin_cell::contacts);

@@ -3,7 +3,7 @@
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::identification::{Dataset, Method};
 use deltatwin::kinematics::JointState;
-use deltatwin::machine::{AXES, Setup};
+use deltatwin::machine::{PerAxis, Setup, each, every_axis};
 use deltatwin::recording::{Channel, Recording, Signals};
 use deltatwin::scenario::{Course, Sensors};
 use deltatwin::twin::{Gains, Options, simulate};
@@ -13,7 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
 /// Noise floor of the torques, N·m.
-const FLOOR: [f64; AXES] = [0.4, 0.4, 0.4, 0.05];
+const FLOOR: PerAxis<f64> = [0.4, 0.4, 0.4, 0.05];
 
 /// A shipped scenario on the truth model with the twin's own rates and accelerations.
 fn run(file: &str) -> (Recording, Plant) {
@@ -29,7 +29,7 @@ fn run(file: &str) -> (Recording, Plant) {
     (recording, Plant::new(&machine, &scenario.setup))
 }
 
-fn torque(plant: &Plant, joints: &JointState) -> [f64; AXES] {
+fn torque(plant: &Plant, joints: &JointState) -> PerAxis<f64> {
     let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
     let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
     let motion = plant.motion(joints).expect("a reachable pose");
@@ -38,12 +38,12 @@ fn torque(plant: &Plant, joints: &JointState) -> [f64; AXES] {
 
 /// Root mean square errors per axis.
 struct Errors {
-    qd: [f64; AXES],
-    qdd: [f64; AXES],
+    qd: PerAxis<f64>,
+    qdd: PerAxis<f64>,
     /// Residual with measured torques over the noise floor, √(1 + (torque error/floor)²).
-    residual: [f64; AXES],
+    residual: PerAxis<f64>,
     /// The same where the axis is slower than 0.1 rad/s.
-    slow: [f64; AXES],
+    slow: PerAxis<f64>,
     kept: f64,
 }
 
@@ -51,14 +51,14 @@ fn errors(recording: &Recording, plant: &Plant, method: Method) -> Errors {
     let signals = &recording.signals;
     let dataset = Dataset::with(recording, method);
     let [qd, qdd] = [Channel::Rate, Channel::Acceleration]
-        .map(|of: fn(usize) -> Channel| signals.rows::<AXES>(of).iter().collect::<Vec<_>>());
-    let mut sums = [[0.0; AXES]; 4];
-    let mut slow = [0.0; AXES];
+        .map(|of: fn(usize) -> Channel| signals.rows::<{ every_axis().end }>(of).iter().collect::<Vec<_>>());
+    let mut sums = [each(0.0); 4];
+    let mut slow: PerAxis<f64> = each(0.0);
     for (t, joints) in dataset.t.iter().zip(&dataset.joints) {
         let k = signals.t.partition_point(|x| x < t);
         let truth = JointState { q: signals.q().at(k), qd: qd[k], qdd: qdd[k] };
         let (tau, exact) = (torque(plant, joints), torque(plant, &truth));
-        for i in 0..AXES {
+        for i in every_axis() {
             let error = ((tau[i] - exact[i]) / FLOOR[i]).powi(2);
             sums[0][i] += (joints.qd[i] - qd[k][i]).powi(2);
             sums[1][i] += (joints.qdd[i] - qdd[k][i]).powi(2);
@@ -88,7 +88,7 @@ fn table(file: &str) -> [Errors; 4] {
     println!("{file}, {} samples", recording.signals.len());
     METHODS.map(|method| {
         let e = errors(&recording, &plant, method);
-        let row = |x: [f64; AXES], digits: usize| x.map(|x| format!("{x:.digits$}")).join(" ");
+        let row = |x: PerAxis<f64>, digits: usize| x.map(|x| format!("{x:.digits$}")).join(" ");
         let (qd, qdd) = (row(e.qd.map(|x| 1e3 * x), 3), row(e.qdd, 3));
         let (residual, slow) = (row(e.residual, 4), row(e.slow, 3));
         let kept = 100.0 * e.kept;
@@ -100,7 +100,7 @@ fn table(file: &str) -> [Errors; 4] {
 /// A scenario on which no other method is better than the default by 3 % of the floor; the default's errors.
 fn compared(file: &str) -> Errors {
     let [paper, polynomial, smoother, best] = table(file);
-    for i in 0..AXES {
+    for i in every_axis() {
         let (axis, found) = (i + 1, best.residual[i]);
         for other in [&paper, &polynomial, &smoother] {
             assert!(found < other.residual[i] + 0.03, "{file}, axis {axis}: {found} {}", other.residual[i]);
@@ -110,9 +110,9 @@ fn compared(file: &str) -> Errors {
 }
 
 /// A scenario on which the default reaches the stated residuals besides.
-fn check(file: &str, residual: [f64; AXES]) {
+fn check(file: &str, residual: PerAxis<f64>) {
     let best = compared(file);
-    for i in 0..AXES {
+    for i in every_axis() {
         let (axis, found) = (i + 1, best.residual[i]);
         assert!(found < residual[i], "{file}, axis {axis}: {found}");
     }
@@ -120,14 +120,14 @@ fn check(file: &str, residual: [f64; AXES]) {
 
 #[test]
 fn excitation_is_judged_by_the_noise_alone() {
-    check("scenarios/excitation.toml", [1.02; AXES]);
+    check("scenarios/excitation.toml", each(1.02));
 }
 
 /// Where the jerk itself jumps or an axis starts from rest, the encoders leave more of the acceleration unknown.
 #[test]
 fn jerky_motions_are_resolved_as_far_as_encoders_allow() {
-    check("scenarios/constant-speed.toml", [1.01; AXES]);
-    check("scenarios/static-poses.toml", [1.07; AXES]);
+    check("scenarios/constant-speed.toml", each(1.01));
+    check("scenarios/static-poses.toml", each(1.07));
     check("scenarios/path.toml", [1.2, 1.25, 1.2, 1.02]);
 }
 
@@ -158,23 +158,23 @@ fn controllers_answer_reversals_late() {
 }
 
 /// Acceleration errors of a smooth motion that is read at the given times, rounded to encoder steps and written to a file.
-fn acceleration_errors(t: Vec<f64>) -> [f64; AXES] {
+fn acceleration_errors(t: Vec<f64>) -> PerAxis<f64> {
     const STEP: f64 = std::f64::consts::TAU / 32768.0 / 33.0;
     let waves = [(0.3, 2.0), (0.05, 14.0), (0.004, 50.0)];
     let sum = |t: f64, i: usize, f: fn(f64, f64) -> f64| -> f64 {
         waves.iter().map(|(a, w)| a * f(*w, w * t + i as f64)).sum()
     };
     let angle = |t: f64| std::array::from_fn(|i| ((0.4 + sum(t, i, |_, x| x.sin())) / STEP).round() * STEP);
-    let (q, tau): (Vec<_>, Vec<_>) = t.iter().map(|t| (angle(*t), [t.sin(); AXES])).unzip();
+    let (q, tau): (Vec<_>, Vec<_>) = t.iter().map(|t| (angle(*t), each(t.sin()))).unzip();
     let signals = Signals::of_drives(Default::default(), t, &q, &tau);
     let recording = Recording { signals, ..Recording::default() };
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("run.csv");
     recording::write(&recording, &file).unwrap();
     let dataset = Dataset::new(&recording::read(&file, None).unwrap().0);
-    let mut squares = [0.0; AXES];
+    let mut squares: PerAxis<f64> = each(0.0);
     for (t, joints) in dataset.t.iter().zip(&dataset.joints) {
-        for i in 0..AXES {
+        for i in every_axis() {
             squares[i] += (joints.qdd[i] - sum(*t, i, |w, x| -w * w * x.sin())).powi(2);
         }
     }

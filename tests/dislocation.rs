@@ -4,10 +4,9 @@ use crate::common;
 
 use common::{model, nominal_plant, reversing, with_effect};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
-use deltatwin::kinematics::motion::MAX_SOCKETS;
 use deltatwin::kinematics::{JointState, Motion, PlatformState};
-use deltatwin::machine::bodies::{END_EFFECTOR, PLATFORM, SLOTS, STRUT, TELESCOPE_LOWER};
-use deltatwin::machine::{Payload, Setup, Stops};
+use deltatwin::machine::bodies::{self, END_EFFECTOR, PLATFORM, SLOTS, TELESCOPE_LOWER};
+use deltatwin::machine::{Payload, PerSocket, Setup, Stops, each};
 use deltatwin::model::Model;
 use deltatwin::monitoring::{Sample, Sliding};
 use deltatwin::numerics::{bisect, halvings};
@@ -77,14 +76,14 @@ fn a_strut_off_both_balls_flies_like_a_thrown_stick() {
     let plant = nominal_plant();
     let mut motion = plant.motion(&reversing(0.0)).unwrap();
     let axis = motion.strut_axis[2];
-    motion.bodies[STRUT + 2].angular_velocity += axis * 7.0;
+    motion.bodies[bodies::strut(2)].angular_velocity += axis * 7.0;
     let mut twin = Twin::new(plant.clone(), &motion).unwrap();
     twin.open(2).unwrap();
     twin.open(8).unwrap();
-    let inertia = plant.bodies[STRUT + 2];
+    let inertia = plant.bodies[bodies::strut(2)];
     // Centre of mass, its velocity, and angular momentum about it.
     let state = |m: &Motion| {
-        let b = &m.bodies[STRUT + 2];
+        let b = &m.bodies[bodies::strut(2)];
         let lever = b.rotation * inertia.first_moment / inertia.mass;
         let velocity = b.velocity + b.angular_velocity.cross(&lever);
         let about_origin = b.rotation * inertia.tensor * b.rotation.tr_mul(&b.angular_velocity);
@@ -92,7 +91,7 @@ fn a_strut_off_both_balls_flies_like_a_thrown_stick() {
         (b.position + lever, velocity, momentum)
     };
     let (start, velocity, momentum) = state(&twin.motion());
-    let spin = |m: &Motion| m.bodies[STRUT + 2].angular_velocity.dot(&m.strut_axis[2]);
+    let spin = |m: &Motion| m.bodies[bodies::strut(2)].angular_velocity.dot(&m.strut_axis[2]);
     let start_spin = spin(&twin.motion());
     // The twist is projected onto 74 rows when the sockets open: some thousand roundings.
     assert!((start_spin - 7.0).abs() < 1e-11, "{start_spin}");
@@ -156,7 +155,7 @@ fn setup() -> Setup {
 
 /// Clamps so strong that a pull along the opening does not matter: the margin is hold − force across the cup.
 fn clamps(hold: f64, armed: bool) -> Clamps {
-    Clamps { hold: [hold; MAX_SOCKETS], preload: [1e12; MAX_SOCKETS], share: 0.0, armed }
+    Clamps { hold: each(hold), preload: each(1e12), share: 0.0, armed }
 }
 
 fn options(hold: f64, armed: bool) -> Options {
@@ -346,7 +345,7 @@ fn struts_pulled_apart_leave_their_balls_above_the_preload() {
         let mut load = [(Vector3::zeros(), Vector3::zeros()); SLOTS];
         for (strut, side) in [(0, f), (1, -f)] {
             let force = Vector3::y() * side;
-            load[STRUT + strut] = (force, (rest.motion.strut_axis[strut] * (0.5 * 1.106)).cross(&force));
+            load[bodies::strut(strut)] = (force, (rest.motion.strut_axis[strut] * (0.5 * 1.106)).cross(&force));
         }
         twin.set_external(Load::constant(load));
         let now = twin.evaluate(&torque).unwrap();
@@ -393,7 +392,7 @@ fn margins_are_net_of_the_clamp_springs() {
 
 /// A run of a machine that is its own controller's model, without noise: margins of the twin, and those of the model along
 /// the executed motion.
-fn followed(mut scenario: Scenario, duration: f64) -> (Model, Setup, Recording, Vec<[f64; MAX_SOCKETS]>) {
+fn followed(mut scenario: Scenario, duration: f64) -> (Model, Setup, Recording, Vec<PerSocket<f64>>) {
     let machine = deltatwin_io::model::read(&scenario.model).unwrap();
     scenario.duration = duration;
     scenario.noise = false;
@@ -556,7 +555,7 @@ fn drawn_and_worn_holds_decide_which_socket_goes_first() {
     assert!(force >= hold - 2e-3 && force < hold + 0.05 && pull.abs() < 0.2 * hold, "{:?}", gone[0]);
     assert!(report.peak_strut_force >= 0.95 * force, "{} at the event, {force}", report.peak_strut_force);
     let mut healthy = worn.clone();
-    healthy.sockets.wear = [0.0; MAX_SOCKETS];
+    healthy.sockets.wear = each(0.0);
     let report = play(&healthy, &Options { duration: 0.3, ..touching(&healthy, &machine) });
     assert!(of_kind(&report, EventKind::Dislocation).is_empty());
 }

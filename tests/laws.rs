@@ -7,9 +7,9 @@ use deltatwin::dynamics::{Output, Plant, Sample, inverse_dynamics, regressor, se
 use deltatwin::effects::{ActiveEffect, Effect, Instant, Kind, REGISTRY, Role, Wrenches, find};
 use deltatwin::kinematics::{JointState, KinematicsError, Motion, PlatformState, Reactions, SocketSet};
 use deltatwin::machine::bodies::{
-    BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
+    self, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
 };
-use deltatwin::machine::{AXES, Geometry, MAX_STRUTS, Part, Payload, Setup};
+use deltatwin::machine::{Geometry, Part, Payload, PerStrut, Setup, rate_place};
 use deltatwin::model::Model;
 use deltatwin::recording::Channel;
 use deltatwin::recording::Signals;
@@ -425,7 +425,7 @@ fn friction_only_removes_energy() {
             joints.qd = joints.qd.map(|x| x * slowness);
             let mut motion = plant.motion(&joints).unwrap();
             for s in 0..6 {
-                motion.bodies[STRUT + s].angular_velocity += motion.strut_axis[s] * rng.random_range(-2.0..2.0);
+                motion.bodies[bodies::strut(s)].angular_velocity += motion.strut_axis[s] * rng.random_range(-2.0..2.0);
             }
             let mut force = || std::array::from_fn(|_| rng.random_range(-150.0..150.0));
             let reactions = Reactions { upper: force(), lower: force() };
@@ -535,12 +535,12 @@ fn elastic_drives_keep_account_of_their_energy() {
         rate
     };
     let moved = |x: &[f64], r: &[f64], h: f64| -> Vec<f64> { x.iter().zip(r).map(|(x, r)| x + h * r).collect() };
-    let stored = |t: f64, x: &[f64]| 0.5 * rotor * (arm(t).qd[0] + x[AXES]).powi(2) + 0.5 * x[0] * x[0] / c;
+    let stored = |t: f64, x: &[f64]| 0.5 * rotor * (arm(t).qd[0] + x[rate_place(0)]).powi(2) + 0.5 * x[0] * x[0] / c;
     // Power of the drive less that of the damper and that given to the arm, with the effect's own torque on the arm.
     let power = |t: f64, x: &[f64]| {
         let joints = arm(t);
         let given = torque(t) + drive_torques(&plant, &active, &arms_alone(&plant, joints), [torque(t); 4], x)[0];
-        torque(t) * (joints.qd[0] + x[AXES]) - d * x[AXES] * x[AXES] - given * joints.qd[0]
+        torque(t) * (joints.qd[0] + x[rate_place(0)]) - d * x[rate_place(0)] * x[rate_place(0)] - given * joints.qd[0]
     };
     let mut x = active.initial_state();
     let h = 1e-5;
@@ -555,7 +555,7 @@ fn elastic_drives_keep_account_of_their_energy() {
         let next: Vec<f64> = (0..x.len()).map(|i| x[i] + h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + e[i])).collect();
         let parts = [power(t, &x), power(t + 0.5 * h, &middle), power(t + h, &next)];
         work += h / 6.0 * (parts[0] + 4.0 * parts[1] + parts[2]);
-        paid += h * (torque(t) * (arm(t).qd[0] + x[AXES])).abs();
+        paid += h * (torque(t) * (arm(t).qd[0] + x[rate_place(0)])).abs();
         x = next;
     }
     let gap = stored(0.3, &x) - start - work;
@@ -604,7 +604,7 @@ fn renaming_the_limbs_in_turn_permutes_torques_and_strut_forces() {
     let plant = nominal_plant();
     let mut rng = rng(5);
     let next = |x: [f64; 4]| [x[2], x[0], x[1], x[3]];
-    let next_struts = |x: [f64; MAX_STRUTS]| [x[4], x[5], x[0], x[1], x[2], x[3], x[6], x[7]];
+    let next_struts = |x: PerStrut<f64>| [x[4], x[5], x[0], x[1], x[2], x[3], x[6], x[7]];
     let mut worst = 0f64;
     for _ in 0..100 {
         let joints = random_joints(&plant, &mut rng);

@@ -8,8 +8,8 @@ use deltatwin::identification::fit::{Fit, Options, fit_with};
 use deltatwin::identification::regularisation::GroupWeight;
 use deltatwin::identification::{Dataset, predict};
 use deltatwin::kinematics::{BodyMotion, JointState, Motion};
-use deltatwin::machine::bodies::{ARM, STRUT};
-use deltatwin::machine::{BodyParameters, Inertia, LinkParameters, STRUTS, Setup};
+use deltatwin::machine::bodies::{self, ARM};
+use deltatwin::machine::{BodyParameters, Inertia, LinkParameters, Setup, six_struts};
 use deltatwin::model::Model;
 use deltatwin::recording::Channel;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
@@ -77,9 +77,9 @@ fn lagrangian(inertia: &Inertia, body: &BodyMotion, gravity: f64) -> f64 {
 
 /// Turns the struts with their frames, whose y axis stays in the plane of strut and pair: ω = w × ẇ + (ẏ·z)·w.
 fn turn_struts(motion: &mut Motion) {
-    for strut in 0..STRUTS {
+    for strut in six_struts() {
         let v = motion.shaft[strut / 2];
-        let body = &mut motion.bodies[STRUT + strut];
+        let body = &mut motion.bodies[bodies::strut(strut)];
         let [w, y, z] = [0, 1, 2].map(|k| body.rotation.column(k).into_owned());
         let w_rate = body.angular_velocity.cross(&w);
         // y = n/|n| with n = v − w(w·v), and n·z = 0.
@@ -157,8 +157,8 @@ fn the_papers_counts() {
 #[test]
 fn limbs_that_differ_are_found() {
     let mut robot = common::model("irb360-6-1600");
-    robot.bodies[ARM + 1] += Inertia::diagonal(0.0, [0.02, 0.0, 0.0], [0.0, 0.02, 0.02]);
-    for strut in [STRUT + 4, STRUT + 5] {
+    robot.bodies[bodies::arm(1)] += Inertia::diagonal(0.0, [0.02, 0.0, 0.0], [0.0, 0.02, 0.02]);
+    for strut in [bodies::strut(4), bodies::strut(5)] {
         robot.bodies[strut] += Inertia::diagonal(0.161, [0.089, 0.0, 0.0], [0.0, 0.066, 0.066]);
     }
     let data = dataset(&robot, 1.0);
@@ -182,11 +182,11 @@ fn limbs_that_differ_are_found() {
     let file = folder.path().join("each.toml");
     deltatwin_io::model::write(&each.model, &file).unwrap();
     let read = model::read(&file).unwrap();
-    for strut in 0..STRUTS {
-        let (a, b) = (read.bodies[STRUT + strut], each.model.bodies[STRUT + strut]);
+    for strut in six_struts() {
+        let (a, b) = (read.bodies[bodies::strut(strut)], each.model.bodies[bodies::strut(strut)]);
         assert!((a.pseudo_inertia() - b.pseudo_inertia()).norm() < 1e-9, "strut {}", strut + 1);
     }
-    assert!((read.bodies[ARM].first_moment - read.bodies[ARM + 1].first_moment).norm() > 1e-3);
+    assert!((read.bodies[ARM].first_moment - read.bodies[bodies::arm(1)].first_moment).norm() > 1e-3);
 }
 
 #[test]

@@ -8,7 +8,9 @@ use deltatwin::effects::{ActiveEffect, REGISTRY, Role, find};
 use deltatwin::identification::{Dataset, Estimate, Fit, NoiseLevel, fit};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::bodies::END_EFFECTOR;
-use deltatwin::machine::{AXES, Configuration, Mechanism, Part, Payload, Setup, Unit};
+use deltatwin::machine::{
+    Configuration, Mechanism, Part, Payload, PerAxis, Setup, TELESCOPE_AXIS, Unit, each, every_axis,
+};
 use deltatwin::model::Model;
 use deltatwin::recording::{Channel, Recording, Signals};
 use deltatwin::scenario::{FourierMotion, MotionLimits};
@@ -214,10 +216,10 @@ fn accelerations_of_the_twin_need_the_torques_that_make_them() {
     for (model, setup) in machines() {
         let plant = Plant::new(&model, &setup);
         for _ in 0..20 {
-            let drawn = JointState { qdd: [0.0; AXES], ..joints(&plant, &mut rng) };
+            let drawn = JointState { qdd: each(0.0), ..joints(&plant, &mut rng) };
             let mut twin = Twin::new(plant.clone(), &plant.motion(&drawn).unwrap()).unwrap();
             let axes = plant.mechanism.axes();
-            let torque: [f64; AXES] =
+            let torque: PerAxis<f64> =
                 std::array::from_fn(
                     |i| if i < axes { 0.3 * model.drives[i].max_torque * (i as f64 - 0.7) } else { 0.0 },
                 );
@@ -225,7 +227,7 @@ fn accelerations_of_the_twin_need_the_torques_that_make_them() {
             let again = plant.motion(&JointState { qdd: motion.qdd, ..drawn }).unwrap();
             let states: Vec<&[f64]> = vec![&[]; plant.effects.len()];
             let needed = inverse_dynamics(&plant, 0.0, &again, &states, false).unwrap().tau;
-            for i in 0..AXES {
+            for i in every_axis() {
                 let error = (needed[i] - torque[i]).abs();
                 assert!(error < 1e-10 * model.drives[0].max_torque, "{} axis {i}: {error:e}", model.name);
             }
@@ -537,7 +539,7 @@ fn a_recording_has_the_columns_of_its_machine() {
                 axes > 1,
                 "{warnings:?}"
             );
-            if axes < AXES {
+            if axes <= TELESCOPE_AXIS {
                 let e = recording::read_of(&path, None, Default::default()).unwrap_err().to_string();
                 assert!(e.contains(if name.ends_with("csv") { "no column `q" } else { "axis1…axis4" }), "{e}");
             }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use deltatwin::effects::{self, ActiveEffect};
 use deltatwin::identification::Estimate;
-use deltatwin::machine::bodies::{ARM, BODIES, END_EFFECTOR, Inertia, PLATFORM, ROTOR, STRUT};
+use deltatwin::machine::bodies::{self, ARM, BODIES, END_EFFECTOR, Inertia, PLATFORM, ROTOR, STRUT};
 use deltatwin::machine::{Joint, Mechanism, Unit};
 use deltatwin::model::{Added, MeshPart, Model, Provenance, summary};
 use deltatwin_io::model;
@@ -120,8 +120,8 @@ fn numbers_arrive_where_they_belong() {
     let m = parse(&nominal()).unwrap();
     assert!(m.geometry.limbs.iter().all(|limb| limb.strut_length == 1.106) && m.geometry.limbs.len() == 3);
     assert_eq!(m.geometry.flange_height, -0.0625);
-    assert_eq!(m.bodies[ARM + 2], Inertia::diagonal(1.6, [0.176, 0.0, 0.006], [0.100, 0.258, 0.258]));
-    assert_eq!(m.bodies[STRUT + 5].mass, 0.179);
+    assert_eq!(m.bodies[bodies::arm(2)], Inertia::diagonal(1.6, [0.176, 0.0, 0.006], [0.100, 0.258, 0.258]));
+    assert_eq!(m.bodies[bodies::strut(5)].mass, 0.179);
     assert_eq!(m.bodies[PLATFORM].mass, 1.2);
     assert_eq!(m.bodies[END_EFFECTOR], Inertia::ZERO);
     assert_eq!(m.drives[3].max_speed, 55.851);
@@ -138,7 +138,7 @@ fn disassembled_robot_needs_arms_and_rotor_only() {
     let m = parse(&text_of("irb360-6-1600-disassembled")).unwrap();
     assert!(!m.assembled);
     assert_eq!(m.bodies[ARM].tensor[(1, 1)], 0.228);
-    assert_eq!(m.bodies[ARM + 2].first_moment.z, 0.016);
+    assert_eq!(m.bodies[bodies::arm(2)].first_moment.z, 0.016);
     assert_eq!(m.bodies[ROTOR].tensor[(2, 2)], 0.003);
     assert_eq!(m.bodies[STRUT], Inertia::ZERO);
     assert_eq!(m.effects[0].values[..8], [4.201, 4.145, 5.773, 0.387, 0.281, 0.419, 0.448, 0.012]);
@@ -407,8 +407,8 @@ fn one_strut_may_depart_from_the_others() {
         nominal()
     );
     let m = parse(&text).unwrap();
-    assert_eq!(m.bodies[STRUT + 3].mass, 0.34);
-    assert_eq!(m.bodies[STRUT + 4].mass, 0.179);
+    assert_eq!(m.bodies[bodies::strut(3)].mass, 0.34);
+    assert_eq!(m.bodies[bodies::strut(4)].mass, 0.179);
     assert_same(&parse(&updated_text(&text, &m).unwrap()).unwrap(), &m);
 }
 
@@ -653,7 +653,7 @@ fn inline_and_dotted_tables_are_edited_too() {
 fn a_single_body_departs_from_its_group_when_written() {
     let text = nominal();
     let mut m = parse(&text).unwrap();
-    m.bodies[STRUT + 3] = Inertia::diagonal(0.34, [0.188, 0.0, 0.0], [1.5e-5, 0.14, 0.14]);
+    m.bodies[bodies::strut(3)] = Inertia::diagonal(0.34, [0.188, 0.0, 0.0], [1.5e-5, 0.14, 0.14]);
     m.bodies[PLATFORM].tensor[(0, 1)] = 1e-4;
     m.bodies[PLATFORM].tensor[(1, 0)] = 1e-4;
     m.geometry.limbs[1].strut_length = 1.1061;

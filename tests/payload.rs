@@ -9,7 +9,7 @@ use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::identification::fit::{Estimate, FitError, Options};
 use deltatwin::identification::{Dataset, PayloadFit, identify_payload, predict};
 use deltatwin::kinematics::JointState;
-use deltatwin::machine::{Payload, STRUTS, Setup};
+use deltatwin::machine::{Payload, Setup, six_struts};
 use deltatwin::model::Model;
 use deltatwin::recording::Channel;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
@@ -98,7 +98,7 @@ fn recording(model: &Model, payload: Payload, rotation: bool, struts: bool, seed
     };
     let mut channels = Channel::TORQUES.to_vec();
     if struts {
-        channels.extend((0..STRUTS).map(Channel::StrutLower));
+        channels.extend(six_struts().map(Channel::StrutLower));
     }
     let samples = (0..SAMPLES).map(|k| joints(k as f64 * STEP)).collect();
     let setup = Setup { payload, ..Setup::default() };
@@ -112,7 +112,7 @@ fn recording(model: &Model, payload: Payload, rotation: bool, struts: bool, seed
 }
 
 fn noise(struts: bool) -> Vec<f64> {
-    let forces = if struts { STRUTS } else { 0 };
+    let forces = if struts { six_struts().len() } else { 0 };
     TORQUE_NOISE.into_iter().chain(std::iter::repeat_n(FORCE_NOISE, forces)).collect()
 }
 

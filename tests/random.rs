@@ -8,8 +8,7 @@ use crate::common::{defaults, model};
 use deltatwin::cell::{Mobility, Object, Shape, Surface};
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::REGISTRY;
-use deltatwin::kinematics::motion::MAX_SOCKETS;
-use deltatwin::machine::{Payload, Setup};
+use deltatwin::machine::{Payload, Setup, each};
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::scenario::{Action, ActionKind, FourierMotion, HoldTorque, PayloadShape, Supervision, Trip};
@@ -118,7 +117,7 @@ fn draw(seed: u64) -> Random {
     }
     let clamps = Clamps {
         hold: std::array::from_fn(|_| rng.random_range(60.0..300.0)),
-        preload: [200.0; MAX_SOCKETS],
+        preload: each(200.0),
         share: if rng.random_bool(0.2) { 1.0 } else { 0.0 },
         armed: rng.random_bool(0.7),
     };

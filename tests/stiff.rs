@@ -4,8 +4,7 @@ use crate::common::{defaults, model, one_way, reversing};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::kinematics::{JointState, Target};
-use deltatwin::machine::MAX_STRUTS;
-use deltatwin::machine::Setup;
+use deltatwin::machine::{PerStrut, Setup};
 use deltatwin::twin::{Options, Torque, Twin, simulate};
 
 /// Steps, s; each halves the one before.
@@ -41,12 +40,7 @@ fn schedule(plant: &Plant, motion: fn(f64) -> JointState) -> Vec<[f64; 4]> {
 }
 
 /// Joint angles and strut forces at every knot.
-fn run(
-    plant: &Plant,
-    motion: fn(f64) -> JointState,
-    torques: &[[f64; 4]],
-    h: f64,
-) -> Vec<([f64; 4], [f64; MAX_STRUTS])> {
+fn run(plant: &Plant, motion: fn(f64) -> JointState, torques: &[[f64; 4]], h: f64) -> Vec<([f64; 4], PerStrut<f64>)> {
     let mut twin = Twin::new(plant.clone(), &plant.motion(&motion(0.0)).unwrap()).unwrap();
     let steps = (STEPS[0] / h).round() as usize;
     let mut out = Vec::new();

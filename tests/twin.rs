@@ -5,7 +5,7 @@ use crate::common;
 use common::random_joints;
 use deltatwin::dynamics::{Plant, inertial_wrench, inverse_dynamics};
 use deltatwin::kinematics::{JointState, Motion};
-use deltatwin::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_UPPER};
+use deltatwin::machine::bodies::{self, BODIES, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_UPPER};
 use deltatwin::twin::constraints::{ROWS, rows};
 use deltatwin::twin::{Snapshot, Torque, Twin};
 use nalgebra::{DMatrix, DVector, Vector3};
@@ -209,7 +209,7 @@ fn struts_do_not_spin_against_their_restraint() {
     let motion = twin.motion();
     for s in 0..6 {
         // 2·0.3 N·m·s/rad at the sockets against 1000 at the restraint.
-        let spin = motion.bodies[STRUT + s].angular_velocity.dot(&motion.strut_axis[s]);
+        let spin = motion.bodies[bodies::strut(s)].angular_velocity.dot(&motion.strut_axis[s]);
         assert!(spin.abs() < 1e-3 && spin != 0.0, "{spin:e}");
     }
 }

@@ -65,6 +65,9 @@ const NOT_HERE: [&str; 9] = [
     "SystemTime",
 ];
 
+/// Numbers of limbs, struts, sockets and axes that only `src/machine` knows: others use the types and ranges of its layout.
+const SIZES: [&str; 6] = ["AXES", "ARMS", "STRUTS", "MAX_LIMBS", "MAX_STRUTS", "MAX_SOCKETS"];
+
 /// Files of unit tests.
 fn is_test(file: &Path) -> bool {
     file.file_stem().is_some_and(|s| s == "tests" || s == "testing")
@@ -141,4 +144,19 @@ fn contacts_and_formats_of_files_are_known_to_one_crate_each() {
         users.extend(ALONE.iter().filter(|(c, _)| used.contains_key(*c)).map(|(c, _)| (c.to_string(), name.clone())));
     }
     assert_eq!(users, ALONE.iter().map(|(c, user)| (c.to_string(), user.to_string())).collect());
+}
+
+#[test]
+fn only_the_machine_knows_how_many_limbs_and_axes_there_are() {
+    let mut files = Vec::new();
+    for folder in ["src", "crates", "python", "tests", "benches", "examples"] {
+        sources(&shipped(folder), &mut files);
+    }
+    files.retain(|f| !f.starts_with(shipped("src/machine")) && *f != shipped("tests/walls.rs"));
+    assert!(files.len() > 300, "{}", files.len());
+    for file in files {
+        let text = std::fs::read_to_string(&file).expect("a file");
+        let known = text.split(|c: char| !c.is_alphanumeric() && c != '_').find(|word| SIZES.contains(word));
+        assert!(known.is_none(), "{}: {known:?} in place of a type or range of `machine::layout`", file.display());
+    }
 }

@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use deltatwin::dynamics::{Plant, steady_inverse_dynamics};
 use deltatwin::kinematics::{JointState, KinematicsError};
-use deltatwin::machine::{AXES, Setup};
+use deltatwin::machine::{PerAxis, Setup, every_axis};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -21,9 +21,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     let numbers: Vec<f64> =
         fs::read(states)?.as_chunks::<8>().0.iter().map(|bytes| f64::from_ne_bytes(*bytes)).collect();
     let states: Vec<JointState> = numbers
-        .chunks_exact(3 * AXES)
+        .chunks_exact(3 * every_axis().len())
         .map(|row| {
-            let three = |k: usize| std::array::from_fn(|axis| row[k * AXES + axis]);
+            let three = |k: usize| std::array::from_fn(|axis| row[k * every_axis().len() + axis]);
             JointState { q: three(0), qd: three(1), qdd: three(2) }
         })
         .collect();
@@ -34,7 +34,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         found = states
             .iter()
             .map(|state| Ok(steady_inverse_dynamics(&plant, 0.0, &plant.motion(state)?, false)?.tau))
-            .collect::<Result<Vec<[f64; AXES]>, KinematicsError>>()?;
+            .collect::<Result<Vec<PerAxis<f64>>, KinematicsError>>()?;
         best = best.min(start.elapsed().as_secs_f64());
     }
     let bytes: Vec<u8> = found.iter().flatten().flat_map(|x| x.to_ne_bytes()).collect();

@@ -4,8 +4,8 @@ use std::f64::consts::FRAC_PI_2;
 use std::fmt::Write;
 
 use super::links::{Cylinder, cylinder};
-use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name};
-use crate::machine::{ARMS, Actuator, STRUTS};
+use crate::machine::bodies::{self, END_EFFECTOR, PLATFORM, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name};
+use crate::machine::{Actuator, six_struts, three_arms};
 use crate::model::Model;
 
 /// Name of the link at the inertial frame.
@@ -23,9 +23,9 @@ pub fn urdf(model: &Model) -> Option<String> {
     let g = &model.geometry;
     let mut out = Tree::new(&model.name);
     out.link(BASE, None);
-    for i in 0..ARMS {
-        let arm = body_name(ARM + i);
-        out.link(&arm, cylinder(g, ARM + i));
+    for i in three_arms() {
+        let arm = body_name(bodies::arm(i));
+        out.link(&arm, cylinder(g, bodies::arm(i)));
         let limb = &g.limbs[i];
         let limits = (limb.limits, &model.drives[i]);
         let (kind, pitch, axis) = match limb.actuator {
@@ -35,11 +35,11 @@ pub fn urdf(model: &Model) -> Option<String> {
         out.joint(&format!("axis{}", i + 1), kind, [BASE, &arm], limb.shaft().into(), [pitch, limb.azimuth()]);
         out.axis(axis, Some(limits));
     }
-    for s in 0..STRUTS {
-        let (limb, strut) = (s / (STRUTS / ARMS), body_name(STRUT + s));
-        out.link(&strut, cylinder(g, STRUT + s));
+    for s in six_struts() {
+        let (limb, strut) = (s / 2, body_name(bodies::strut(s)));
+        out.link(&strut, cylinder(g, bodies::strut(s)));
         let elbow = g.elbow_ball(s).into();
-        out.joint(&format!("elbow{}", s + 1), "floating", [&body_name(ARM + limb), &strut], elbow, [0.0; 2]);
+        out.joint(&format!("elbow{}", s + 1), "floating", [&body_name(bodies::arm(limb)), &strut], elbow, [0.0; 2]);
         out.end();
     }
     let platform = body_name(PLATFORM);

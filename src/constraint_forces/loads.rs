@@ -5,8 +5,8 @@ use nalgebra::Vector3;
 use super::{Loads, Multipliers, Statics};
 use crate::dynamics::{Plant, Twist, borne, loaded_wrenches};
 use crate::kinematics::{KinematicsError, Motion};
-use crate::machine::STRUTS;
-use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, SLOTS, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::bodies::{self, END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::six_struts;
 
 /// Detail of the loads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -60,21 +60,21 @@ impl Statics {
         let mut loads = Loads {
             end_effector: wrenches[END_EFFECTOR],
             platform: wrenches[PLATFORM],
-            struts: std::array::from_fn(|s| wrenches[STRUT + s].0.dot(&motion.strut_axis[s])),
-            arms: std::array::from_fn(|i| motion.drive(i).1.effort(&wrenches[ARM + i])),
+            struts: std::array::from_fn(|s| wrenches[bodies::strut(s)].0.dot(&motion.strut_axis[s])),
+            arms: std::array::from_fn(|i| motion.drive(i).1.effort(&wrenches[bodies::arm(i)])),
         };
         if self.detail == Detail::Reduced {
             return loads;
         }
-        for s in 0..STRUTS {
-            let (force, moment) = &wrenches[STRUT + s];
-            let (body, axis) = (&motion.bodies[STRUT + s], &motion.strut_axis[s]);
+        for s in six_struts() {
+            let (force, moment) = &wrenches[bodies::strut(s)];
+            let (body, axis) = (&motion.bodies[bodies::strut(s)], &motion.strut_axis[s]);
             let lower = moment.cross(axis) / motion.strut_length[s];
             let upper = force - axis * loads.struts[s] - lower;
             let ball = body.position + axis * motion.strut_length[s] - motion.bodies[PLATFORM].position;
             loads.platform.0 += lower;
             loads.platform.1 += ball.cross(&lower);
-            let lever = body.position - motion.bodies[ARM + s / 2].position;
+            let lever = body.position - motion.bodies[bodies::arm(s / 2)].position;
             loads.arms[s / 2] += motion.drive(s / 2).1.effort(&(upper, lever.cross(&upper)));
         }
         if !self.turns {

@@ -15,7 +15,7 @@ pub use statics::{Loads, Statics};
 
 use crate::dynamics::{Borne, Output};
 use crate::kinematics::Reactions;
-use crate::machine::{ARMS, Mechanism, STRUTS, Unit};
+use crate::machine::{Mechanism, SixStruts, ThreeArms, Unit};
 
 /// Number of multipliers and of reduced velocities.
 pub const MULTIPLIERS: usize = 21;
@@ -29,11 +29,11 @@ pub struct Multipliers {
     /// λ_TB: torque on the end effector about its axis, N·m; positive torque drives a positive rate.
     pub lambda_tb: f64,
     /// λ_P: axial force of each strut at the platform, N, tension positive.
-    pub lambda_p: [f64; STRUTS],
+    pub lambda_p: SixStruts<f64>,
     /// λ_S: axial force of each strut at the elbow, N, tension positive.
-    pub lambda_s: [f64; STRUTS],
+    pub lambda_s: SixStruts<f64>,
     /// λ_A: torque of the arms' drives at the gear output, N·m; positive torque drives a positive rate.
-    pub lambda_a: [f64; ARMS],
+    pub lambda_a: ThreeArms<f64>,
 }
 
 impl Multipliers {

@@ -9,8 +9,8 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use super::{Detail, MULTIPLIERS, Multipliers};
 use crate::dynamics::Twist;
 use crate::kinematics::{KinematicsError, Motion};
-use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT};
-use crate::machine::{ARMS, STRUTS};
+use crate::machine::bodies::{self, END_EFFECTOR, PLATFORM};
+use crate::machine::{SixStruts, ThreeArms, six_struts, three_arms};
 
 /// Loads w = W − M V̇ − C M V on the reduced velocities: applied minus inertial.
 #[derive(Clone, Copy, Debug)]
@@ -20,9 +20,9 @@ pub struct Loads {
     /// On the platform, about the ball centre, inertial axes; N, N·m.
     pub platform: Twist,
     /// Along each strut, N.
-    pub struts: [f64; STRUTS],
+    pub struts: SixStruts<f64>,
     /// About each motor axis, N·m.
-    pub arms: [f64; ARMS],
+    pub arms: ThreeArms<f64>,
 }
 
 /// Geometry of the reduced constraints at a pose.
@@ -39,13 +39,13 @@ pub struct Statics {
     /// Wrench on the end effector per unit of drive 4's torque, about the flange centre.
     pub(super) drive: Twist,
     /// Unit vector along both struts of each limb, elbow to platform.
-    axis: [Vector3<f64>; ARMS],
+    axis: ThreeArms<Vector3<f64>>,
     /// Middle of each pair of balls relative to the ball centre, m.
-    pair: [Vector3<f64>; ARMS],
+    pair: ThreeArms<Vector3<f64>>,
     /// Half the vector between the balls of a pair, m.
-    half: [Vector3<f64>; ARMS],
+    half: ThreeArms<Vector3<f64>>,
     /// Torque about the motor axis (m), or force along the guide (1), per unit of force along a strut at the elbow.
-    lever: [f64; ARMS],
+    lever: ThreeArms<f64>,
     /// Inverse that maps the platform's force to the sum of the forces of each pair.
     sums: Matrix3<f64>,
     /// Inverse that maps the platform's moment to the difference of the forces of each pair.
@@ -62,12 +62,13 @@ impl Statics {
         let platform = &motion.bodies[PLATFORM];
         let end_effector = &motion.bodies[END_EFFECTOR];
         let ball = |s: usize| {
-            motion.bodies[STRUT + s].position + motion.strut_axis[s] * motion.strut_length[s] - platform.position
+            motion.bodies[bodies::strut(s)].position + motion.strut_axis[s] * motion.strut_length[s] - platform.position
         };
-        let axis: [Vector3<f64>; ARMS] = std::array::from_fn(|i| motion.strut_axis[2 * i]);
-        let half: [Vector3<f64>; ARMS] = std::array::from_fn(|i| (ball(2 * i) - ball(2 * i + 1)) * 0.5);
-        let singular = || KinematicsError::Singular { q: motion.q[..ARMS].into() };
-        let invert = |columns: &[Vector3<f64>; ARMS]| Matrix3::from_columns(columns).try_inverse().ok_or_else(singular);
+        let axis: ThreeArms<Vector3<f64>> = std::array::from_fn(|i| motion.strut_axis[2 * i]);
+        let half: ThreeArms<Vector3<f64>> = std::array::from_fn(|i| (ball(2 * i) - ball(2 * i + 1)) * 0.5);
+        let singular = || KinematicsError::Singular { q: motion.q[three_arms()].into() };
+        let invert =
+            |columns: &ThreeArms<Vector3<f64>>| Matrix3::from_columns(columns).try_inverse().ok_or_else(singular);
         Ok(Self {
             detail: Detail::Complete,
             turns: true,
@@ -78,7 +79,7 @@ impl Statics {
             pair: std::array::from_fn(|i| (ball(2 * i) + ball(2 * i + 1)) * 0.5),
             half,
             lever: std::array::from_fn(|i| {
-                let lever = motion.bodies[STRUT + 2 * i].position - motion.bodies[ARM + i].position;
+                let lever = motion.bodies[bodies::strut(2 * i)].position - motion.bodies[bodies::arm(i)].position;
                 motion.drive(i).1.effort(&(axis[i], lever.cross(&axis[i])))
             }),
             sums: invert(&axis)?,
@@ -100,9 +101,9 @@ impl Statics {
         // Platform: the sums of the pairs balance the force, the differences the remaining moment.
         let moment = loads.platform.1 + moment + self.flange.cross(&force);
         let sums = self.sums * (loads.platform.0 + force);
-        let carried: Vector3<f64> = (0..ARMS).map(|i| self.pair[i].cross(&self.axis[i]) * sums[i]).sum();
+        let carried: Vector3<f64> = three_arms().map(|i| self.pair[i].cross(&self.axis[i]) * sums[i]).sum();
         let differences = self.differences * (moment - carried);
-        for i in 0..ARMS {
+        for i in three_arms() {
             let (a, b) = (2 * i, 2 * i + 1);
             out.lambda_p[a] = 0.5 * (sums[i] + differences[i]);
             out.lambda_p[b] = 0.5 * (sums[i] - differences[i]);
@@ -134,17 +135,17 @@ impl Statics {
             row(2 + k, (x, none), (-x, -self.flange.cross(&x)));
         }
         row(5, (-self.drive.0, -self.drive.1), (none, none));
-        for s in 0..STRUTS {
+        for s in six_struts() {
             let i = s / 2;
             let ball = if s.is_multiple_of(2) { self.pair[i] + self.half[i] } else { self.pair[i] - self.half[i] };
             row(6 + s, (none, none), (self.axis[i], ball.cross(&self.axis[i])));
         }
-        for s in 0..STRUTS {
+        for s in six_struts() {
             g[(6 + s, 12 + s)] = -1.0;
             g[(12 + s, 12 + s)] = 1.0;
             g[(12 + s, 18 + s / 2)] = -self.lever[s / 2];
         }
-        for i in 0..ARMS {
+        for i in three_arms() {
             g[(18 + i, 18 + i)] = -1.0;
         }
         g

@@ -8,7 +8,7 @@ use super::*;
 use crate::dynamics::{Plant, inverse_dynamics};
 use crate::effects::{ActiveEffect, find};
 use crate::kinematics::{JointState, Motion};
-use crate::machine::bodies::END_EFFECTOR;
+use crate::machine::bodies::{self, END_EFFECTOR};
 use crate::machine::{Payload, Setup};
 use crate::model::Model;
 use crate::model::testing::{irb360, irb360_truth};
@@ -155,7 +155,7 @@ fn the_reduced_model_differs_by_what_it_neglects() {
         // torque of drive 4, both agree.
         let mut light = rigid.clone();
         for s in 0..6 {
-            let strut = &mut light.bodies[crate::machine::bodies::STRUT + s];
+            let strut = &mut light.bodies[bodies::strut(s)];
             *strut = crate::machine::Inertia::point(strut.mass, Vector3::zeros());
         }
         for b in [crate::machine::bodies::ROTOR, crate::machine::bodies::TELESCOPE_UPPER] {

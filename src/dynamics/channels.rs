@@ -10,7 +10,7 @@ use super::plate::PlateMotions;
 use crate::kinematics::{Closed, KinematicsError, Motion};
 use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, strut};
 use crate::machine::plate::{MAX_PARTS, PartPlace};
-use crate::machine::{Bodies, Geometry, Inertia, MAX_LIMBS, STRUTS};
+use crate::machine::{Bodies, Geometry, Inertia, PerLimb, each, six_struts};
 use crate::recording::Channel;
 
 /// Twist (velocity of the frame origin, angular velocity) or wrench (force, moment about the origin) of a body,
@@ -140,8 +140,8 @@ impl ChannelMap {
 }
 
 /// Rates of the arms and of the rotor in the virtual motion of a channel.
-fn drives(channel: Channel, limbs: usize) -> ([f64; MAX_LIMBS], f64) {
-    let mut arms = [0.0; MAX_LIMBS];
+fn drives(channel: Channel, limbs: usize) -> (PerLimb<f64>, f64) {
+    let mut arms: PerLimb<f64> = each(0.0);
     match channel {
         Channel::Torque(axis) if axis < limbs => arms[axis] = 1.0,
         Channel::Torque(_) => return (arms, 1.0),
@@ -167,7 +167,7 @@ impl Three {
         let mut jacobian = Matrix6x3::zeros();
         if geometry.has_unequal_pairs() {
             let gaps = gap_inverse(motion)?;
-            for s in 0..STRUTS {
+            for s in six_struts() {
                 let mut column = jacobian.column_mut(s / 2);
                 column += gaps.column(s) * motion.upper_rate(s);
             }
@@ -195,7 +195,7 @@ fn twist(column: Vector6<f64>) -> Twist {
 
 /// Virtual motions of any plate: per arm rate, and per unit gap.
 struct AnyPlate {
-    rates: [Closed; MAX_LIMBS],
+    rates: PerLimb<Closed>,
     parts: [PartPlace; MAX_PARTS],
     bodies: &'static [usize],
     gaps: Option<Box<PlateMotions>>,
@@ -241,7 +241,7 @@ pub(super) fn gap_inverse(motion: &Motion) -> Result<Matrix6<f64>, KinematicsErr
     motion.gap_twists().ok_or_else(|| KinematicsError::Singular { q: motion.q[..motion.limbs].into() })
 }
 
-fn set_drives(xi: &mut [Twist; SLOTS], motion: &Motion, arms: &[f64; MAX_LIMBS], rotor: f64) {
+fn set_drives(xi: &mut [Twist; SLOTS], motion: &Motion, arms: &PerLimb<f64>, rotor: f64) {
     for (limb, rate) in arms.iter().enumerate().take(motion.limbs) {
         let screw = motion.arm_screw(limb);
         xi[arm(limb)] = (screw.linear * *rate, screw.angular * *rate);
@@ -250,7 +250,7 @@ fn set_drives(xi: &mut [Twist; SLOTS], motion: &Motion, arms: &[f64; MAX_LIMBS],
 }
 
 /// Sets the twists of all bodies of three limbs for given arm rates, rotor rate and platform twist; struts do not spin.
-fn spread(xi: &mut [Twist; SLOTS], motion: &Motion, arms: &[f64; MAX_LIMBS], rotor: f64, platform: &Twist) {
+fn spread(xi: &mut [Twist; SLOTS], motion: &Motion, arms: &PerLimb<f64>, rotor: f64, platform: &Twist) {
     set_drives(xi, motion, arms, rotor);
     xi[PLATFORM] = *platform;
     spread_struts(motion, xi);

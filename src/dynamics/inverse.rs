@@ -6,10 +6,9 @@ use super::channels::{ChannelMap, Twist};
 use super::reduction::Reduction;
 use super::{Plant, STILL, inertial_wrench};
 use crate::effects::{ActiveEffect, Instant, Wrenches};
-use crate::kinematics::motion::MAX_SOCKETS;
 use crate::kinematics::{KinematicsError, Motion, Reactions};
 use crate::machine::bodies::{SLOTS, strut};
-use crate::machine::{AXES, MAX_STRUTS};
+use crate::machine::{PerAxis, PerSocket, each, every_axis, struts_from};
 use crate::numerics::{Anderson, worst};
 use crate::recording::Channel;
 
@@ -17,14 +16,14 @@ use crate::recording::Channel;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Output {
     /// Torques at the gear outputs, N·m.
-    pub tau: [f64; AXES],
+    pub tau: PerAxis<f64>,
     /// Axial strut forces, N; zero if they were not requested.
     pub reactions: Reactions,
 }
 
 impl Output {
     /// Without loads.
-    pub const ZERO: Self = Self { tau: [0.0; AXES], reactions: Reactions::ZERO };
+    pub const ZERO: Self = Self { tau: each(0.0), reactions: Reactions::ZERO };
 
     /// The value of a drive torque or strut force, N·m or N; zero of other channels.
     pub fn of(&self, channel: Channel) -> f64 {
@@ -63,15 +62,14 @@ impl Output {
 
     fn from_vector(values: &SVector<f64, LOADS>) -> Self {
         let of = |first: usize| std::array::from_fn(|k| values[first + k]);
-        Self {
-            tau: std::array::from_fn(|k| values[k]),
-            reactions: Reactions { upper: of(AXES), lower: of(AXES + MAX_STRUTS) },
-        }
+        Self { tau: std::array::from_fn(|k| values[k]), reactions: Reactions { upper: of(UPPER), lower: of(LOWER) } }
     }
 }
 
-/// Number of torques and forces on which laws may depend.
-const LOADS: usize = AXES + 2 * MAX_STRUTS;
+/// Number of torques and forces on which laws may depend, and places of the forces.
+const LOADS: usize = struts_from(LOWER).end;
+const UPPER: usize = every_axis().end;
+const LOWER: usize = struts_from(UPPER).end;
 
 /// Loads of drives and struts in equilibrium with the wrenches on all bodies.
 pub(crate) trait Borne {
@@ -189,7 +187,7 @@ pub struct SocketLoads {
     pub output: Output,
     /// Force of the ball on the strut's cup without the clamps' own, N, inertial axes: six at the elbows, six at the
     /// platform.
-    pub sockets: [Vector3<f64>; MAX_SOCKETS],
+    pub sockets: PerSocket<Vector3<f64>>,
 }
 
 impl Borne for SocketLoads {
@@ -218,12 +216,8 @@ pub fn steady_socket_loads(plant: &Plant, t: f64, motion: &Motion) -> Result<Soc
 ///
 /// Newton and Euler for a strut of length ℓ along u: F_upper + F_lower + f = 0 and m + ℓ·u × F_lower = 0, thus across the
 /// strut F_lower = u × m/ℓ; along it F_upper·u = −T_upper and F_lower·u = T_lower. The moment about u is the spin's.
-pub(crate) fn ball_forces(
-    motion: &Motion,
-    wrenches: &[Twist; SLOTS],
-    axial: &Reactions,
-) -> [Vector3<f64>; MAX_SOCKETS] {
-    let mut out = [Vector3::zeros(); MAX_SOCKETS];
+pub(crate) fn ball_forces(motion: &Motion, wrenches: &[Twist; SLOTS], axial: &Reactions) -> PerSocket<Vector3<f64>> {
+    let mut out: PerSocket<Vector3<f64>> = each(Vector3::zeros());
     for s in 0..motion.struts() {
         let ((force, moment), u) = (&wrenches[strut(s)], motion.strut_axis[s]);
         let across = u.cross(moment) / motion.strut_length[s];

@@ -11,7 +11,7 @@ use crate::effects::{ActiveEffect, Host, Instant, Kind};
 use crate::kinematics::{Closed, JointState, KinematicsError, Motion, Reactions, SocketSet};
 use crate::machine::bodies::{ARM, Bodies, END_EFFECTOR, PLATFORM, ROTOR, SLOTS};
 use crate::machine::{
-    AXES, Configuration, Geometry, Inertia, LinkParameters, Load, Mechanism, Part, Payload, Setup, Stops,
+    Configuration, Geometry, Inertia, LinkParameters, Load, Mechanism, Part, Payload, Setup, Stops, each,
 };
 use crate::model::Model;
 use crate::recording::{Loads, Recording};
@@ -232,7 +232,7 @@ impl Plant {
             gravity: self.gravity,
             reactions: &NONE,
             state,
-            torque: [0.0; AXES],
+            torque: each(0.0),
             load: self.known_load(t),
             closed: self.sockets(),
         }

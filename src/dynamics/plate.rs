@@ -8,22 +8,21 @@
 //!
 //! [`Plate::freedoms`]: crate::machine::Plate::freedoms
 
-use arrayvec::ArrayVec;
-use nalgebra::{Cholesky, SMatrix, SVector, U8, Vector3};
+use nalgebra::{Cholesky, SVector, U8, Vector3};
 
 use super::channels::{STILL, Twist};
 use crate::kinematics::{KinematicsError, Motion};
 use crate::machine::bodies::{PLATFORM, SLOTS};
 use crate::machine::plate::MAX_PARTS;
-use crate::machine::{Geometry, MAX_LIMBS, MAX_STRUTS};
+use crate::machine::{Geometry, PerLimb, PerStrut, StrutList, StrutMatrix, StrutVector, each, every_strut};
 
 /// Most coordinates: as many as struts.
-type Square = SMatrix<f64, MAX_STRUTS, MAX_STRUTS>;
+type Square = StrutMatrix;
 /// Rates of, or loads on, the coordinates; the ones after the last are zero.
-pub(super) type Coordinates = SVector<f64, MAX_STRUTS>;
+pub(super) type Coordinates = StrutVector;
 
 /// Per coordinate the twists of the parts.
-type Twists = ArrayVec<[Twist; MAX_PARTS], MAX_STRUTS>;
+type Twists = StrutList<[Twist; MAX_PARTS]>;
 
 /// What inverts the gap rates of the coordinates.
 enum Inverse {
@@ -38,7 +37,7 @@ pub(super) struct PlateMotions {
     bodies: &'static [usize],
     twists: Twists,
     /// Gap rate at each strut per rate of its arm, negated: velocity of the upper ball along the strut.
-    pub lever: [f64; MAX_STRUTS],
+    pub lever: PerStrut<f64>,
     /// Limbs with a passive arm.
     passive: std::ops::Range<usize>,
     inverse: Inverse,
@@ -54,8 +53,8 @@ pub(super) struct PlateMotions {
 pub(crate) fn without_prestress(
     geometry: &Geometry,
     motion: &Motion,
-    lower: &[f64; MAX_STRUTS],
-) -> Result<[f64; MAX_STRUTS], KinematicsError> {
+    lower: &PerStrut<f64>,
+) -> Result<PerStrut<f64>, KinematicsError> {
     let plate = PlateMotions::new(geometry, motion)?;
     let tensions = SVector::from(*lower);
     let added = plate.forces(&plate.gaps.tr_mul(&tensions)) - tensions;
@@ -77,7 +76,7 @@ impl PlateMotions {
             twists.try_push([STILL; MAX_PARTS]).map_err(|_| singular())?;
         }
         let part = |body: usize| bodies.iter().position(|&b| b == body).unwrap_or(0);
-        let (mut gaps, mut lever) = (Square::zeros(), [0.0; MAX_STRUTS]);
+        let (mut gaps, mut lever) = (Square::zeros(), each(0.0));
         for s in 0..motion.struts() {
             let (u, limb) = (&motion.strut_axis[s], s / 2);
             lever[s] = motion.upper_rate(s);
@@ -94,8 +93,8 @@ impl PlateMotions {
         let count = twists.len();
         (count <= motion.struts()).then_some(()).ok_or_else(singular)?;
         let mut normal = gaps.tr_mul(&gaps);
-        (count..MAX_STRUTS).for_each(|c| normal[(c, c)] = 1.0);
-        let inverse = match count == MAX_STRUTS {
+        (count..every_strut().end).for_each(|c| normal[(c, c)] = 1.0);
+        let inverse = match count == every_strut().end {
             true => gaps.try_inverse().map(Inverse::Exact),
             false => normal.cholesky().map(Inverse::Least),
         };
@@ -119,7 +118,7 @@ impl PlateMotions {
     }
 
     /// Writes the twists of the parts of the plate, and the rates of passive arms, at rates of the coordinates.
-    pub fn spread(&self, rates: &Coordinates, arms: &mut [f64; MAX_LIMBS], xi: &mut [Twist; SLOTS]) {
+    pub fn spread(&self, rates: &Coordinates, arms: &mut PerLimb<f64>, xi: &mut [Twist; SLOTS]) {
         for (k, &body) in self.bodies.iter().enumerate() {
             xi[body] = STILL;
             for (parts, rate) in self.twists.iter().zip(rates.iter()) {
@@ -134,7 +133,7 @@ impl PlateMotions {
 
     /// Axial forces at the lower balls, N, in balance with the wrenches on the parts of the plate, which include those that
     /// struts hand on, and with the efforts on the arms.
-    pub fn balance(&self, wrenches: &[Twist; SLOTS], arms: &[f64; MAX_LIMBS]) -> SVector<f64, MAX_STRUTS> {
+    pub fn balance(&self, wrenches: &[Twist; SLOTS], arms: &PerLimb<f64>) -> StrutVector {
         let mut loads = Coordinates::zeros();
         for (parts, load) in self.twists.iter().zip(loads.iter_mut()) {
             for (twist, &body) in parts.iter().zip(self.bodies) {

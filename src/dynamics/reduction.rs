@@ -11,13 +11,13 @@ use super::channels::{Three, Twist};
 use super::plate::PlateMotions;
 use crate::kinematics::{KinematicsError, Motion, Reactions};
 use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, strut};
-use crate::machine::{AXES, Geometry, MAX_LIMBS};
+use crate::machine::{Geometry, PerAxis, PerLimb, TELESCOPE_AXIS, each};
 
 /// Generalised forces of arms, rotor of axis 4 and platform.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Reduced {
     /// Moments about the motor axes, N·m, or forces along the guides, N.
-    arms: [f64; MAX_LIMBS],
+    arms: PerLimb<f64>,
     /// Moment about z, N·m.
     rotor: f64,
     /// Force on the platform, inertial axes, N.
@@ -73,13 +73,13 @@ impl<'a> Reduction<'a> {
     fn of_platform(&self, wrenches: &[Twist; SLOTS], platform: Option<&Three>) -> Output {
         let sum = self.reduce(wrenches, platform.is_some());
         let load = Vector6::new(sum.force.x, sum.force.y, sum.force.z, sum.moment.x, sum.moment.y, sum.moment.z);
-        let mut tau = [0.0; AXES];
+        let mut tau: PerAxis<f64> = each(0.0);
         let through = platform.map_or(Vector3::zeros(), |three| three.jacobian.tr_mul(&load));
         for (i, tau) in tau.iter_mut().enumerate().take(self.motion.limbs) {
             *tau = -(sum.arms[i] + through.get(i).copied().unwrap_or(0.0));
         }
-        if self.motion.limbs < AXES {
-            tau[AXES - 1] = -sum.rotor;
+        if self.motion.limbs <= TELESCOPE_AXIS {
+            tau[TELESCOPE_AXIS] = -sum.rotor;
         }
         let mut reactions = Reactions::ZERO;
         if let Some(gaps) = platform.and_then(|three| three.gaps.as_ref()) {
@@ -108,7 +108,7 @@ impl<'a> Reduction<'a> {
             on_parts[carrier].1 += (ball - motion.bodies[carrier].position).cross(&pair);
         });
         let axial = plate.balance(&on_parts, &arms);
-        let mut tau = [0.0; AXES];
+        let mut tau: PerAxis<f64> = each(0.0);
         for (i, tau) in tau.iter_mut().enumerate().take(motion.driven) {
             let [a, b] = [2 * i, 2 * i + 1];
             *tau = -(arms[i] + plate.lever[a] * axial[a] + plate.lever[b] * axial[b]);
@@ -116,8 +116,8 @@ impl<'a> Reduction<'a> {
         Output { tau, reactions: self.at_both_ends(wrenches, axial.as_slice()) }
     }
 
-    fn on_arms(&self, wrenches: &[Twist; SLOTS]) -> [f64; MAX_LIMBS] {
-        let mut arms = [0.0; MAX_LIMBS];
+    fn on_arms(&self, wrenches: &[Twist; SLOTS]) -> PerLimb<f64> {
+        let mut arms: PerLimb<f64> = each(0.0);
         for (limb, effort) in arms.iter_mut().enumerate().take(self.motion.limbs) {
             *effort = self.motion.arm_screw(limb).effort(&wrenches[arm(limb)]);
         }
@@ -125,12 +125,7 @@ impl<'a> Reduction<'a> {
     }
 
     /// Adds the loads on the struts to the `arms` and hands the forces on their lower balls to `below`.
-    fn hand_on(
-        &self,
-        wrenches: &[Twist; SLOTS],
-        arms: &mut [f64; MAX_LIMBS],
-        mut below: impl FnMut(usize, Vector3<f64>),
-    ) {
+    fn hand_on(&self, wrenches: &[Twist; SLOTS], arms: &mut PerLimb<f64>, mut below: impl FnMut(usize, Vector3<f64>)) {
         let motion = self.motion;
         for s in 0..motion.struts() {
             let (force, moment) = &wrenches[strut(s)];
@@ -190,7 +185,7 @@ mod tests {
     use crate::dynamics::channels::{ChannelMap, gap_inverse};
     use crate::dynamics::{Plant, STILL};
     use crate::kinematics::JointState;
-    use crate::machine::STRUTS;
+    use crate::machine::six_struts;
     use crate::model::testing::irb360;
     use crate::recording::Channel;
 
@@ -208,8 +203,8 @@ mod tests {
         }
         let channels: Vec<Channel> = Channel::TORQUES
             .into_iter()
-            .chain((0..STRUTS).map(Channel::StrutUpper))
-            .chain((0..STRUTS).map(Channel::StrutLower))
+            .chain(six_struts().map(Channel::StrutUpper))
+            .chain(six_struts().map(Channel::StrutLower))
             .collect();
         for assembled in [true, false] {
             let count = if assembled { channels.len() } else { 4 };
@@ -234,7 +229,7 @@ mod tests {
             plant.geometry.jacobian(&motion.q, &motion.bodies[PLATFORM].position).unwrap(),
             gap_inverse(&motion).unwrap(),
         );
-        for s in 0..STRUTS {
+        for s in six_struts() {
             let found = plate.gap(s);
             approx::assert_relative_eq!(
                 found.fixed_rows::<6>(0).into_owned(),

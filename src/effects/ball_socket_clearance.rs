@@ -8,7 +8,7 @@ use super::{
     About, Count, Effect, Instant, InternalStates, Parameter, Part, Reads, Role, Spec, Unit, Values, Wrenches,
 };
 use crate::machine::bodies::{END_EFFECTOR, PLATFORM, TELESCOPE_LOWER};
-use crate::machine::{ARMS, STRUTS};
+use crate::machine::{SixStruts, ThreeArms, each, six_struts};
 use crate::numerics::tanh;
 
 /// Play g (m) of each strut of a limb along its axis, both sockets together: its length is l₂ + ½·g·x, with x → ±1 under
@@ -71,9 +71,10 @@ fn acceleration(state: &[f64], strut: usize, time: f64) -> f64 {
 
 /// Acceleration of the platform per unit of g for ẍ of both struts of each limb, m/s²; `None` where the struts do not hold the
 /// platform, or with an open socket.
-fn accelerations(at: &Instant, rates: &[f64; STRUTS]) -> Option<[Vector3<f64>; ARMS]> {
-    let axes: [_; ARMS] = std::array::from_fn(|i| at.motion.strut_axis[2 * i].transpose());
-    let inverse = Matrix3::from_rows(&axes).try_inverse().filter(|_| at.closed.iter().count() == 2 * STRUTS)?;
+fn accelerations(at: &Instant, rates: &SixStruts<f64>) -> Option<ThreeArms<Vector3<f64>>> {
+    let axes: ThreeArms<_> = std::array::from_fn(|i| at.motion.strut_axis[2 * i].transpose());
+    let inverse =
+        Matrix3::from_rows(&axes).try_inverse().filter(|_| at.closed.iter().count() == 2 * six_struts().len())?;
     Some(std::array::from_fn(|i| inverse.column(i) * (0.25 * (rates[2 * i] + rates[2 * i + 1]))))
 }
 
@@ -94,7 +95,7 @@ fn inertial(at: &Instant, acceleration: &Vector3<f64>) -> [(usize, Vector3<f64>,
 /// effector's axis.
 fn relief(values: &Values, at: &Instant) -> Matrix6<f64> {
     let mut out = Matrix6::zeros();
-    let parts = accelerations(at, &[1.0; STRUTS]).zip(at.motion.gap_twists());
+    let parts = accelerations(at, &each(1.0)).zip(at.motion.gap_twists());
     let Some((units, gaps)) = parts else { return out };
     let pivot = at.motion.bodies[PLATFORM].rotation.column(2).into_owned();
     for (limb, unit) in units.iter().enumerate() {
@@ -117,7 +118,7 @@ fn all_rates(state: &[f64], time: f64) -> Vector6<f64> {
 
 /// Rates of the states under the forces F of the struts, N.
 fn rates(values: &Values, state: &[f64], force: impl Fn(usize) -> f64, rate: &mut [f64]) {
-    for strut in 0..STRUTS {
+    for strut in six_struts() {
         let mut input = tanh(force(strut) / values.one(FORCE));
         for (k, x) in lags(state, strut).into_iter().enumerate() {
             rate[LAGS * strut + k] = (input - x) / values.one(TIME);
@@ -147,7 +148,7 @@ impl Effect for BallSocketClearance {
 
 impl InternalStates for BallSocketClearance {
     fn initial_state(&self, _values: &Values) -> Vec<f64> {
-        vec![0.0; LAGS * STRUTS]
+        vec![0.0; LAGS * six_struts().len()]
     }
 
     fn reads_reactions(&self) -> bool {
@@ -161,7 +162,7 @@ impl InternalStates for BallSocketClearance {
 
     fn steady_state(&self, values: &Values, at: &Instant) -> Vec<f64> {
         let side = |strut: usize| [tanh(at.reactions.lower[strut] / values.one(FORCE)); LAGS];
-        (0..STRUTS).flat_map(side).collect()
+        six_struts().flat_map(side).collect()
     }
 
     /// Along a motion the forces without the relief by ẍ are known; it may be so strong that x follows within microseconds.
@@ -226,7 +227,7 @@ mod tests {
         let motion = Motion::assembled(&geometry, &JointState::default()).unwrap();
         let mut bodies = Bodies([Inertia::ZERO; SLOTS]);
         bodies[PLATFORM] = Inertia::diagonal(2.0, [0.0; 3], [0.01; 3]);
-        let state = [1.0, 0.0, 0.0].repeat(STRUTS);
+        let state = [1.0, 0.0, 0.0].repeat(six_struts().len());
         let (mut force, mut moment) = (Vector3::zeros(), Vector3::zeros());
         testing::at(&motion, &state, |at| {
             let at = &Instant { bodies: &bodies, ..*at };
@@ -253,10 +254,10 @@ mod tests {
         model.effects.push(ActiveEffect::new(Arc::new(BallSocketClearance), &PLAY));
         let with = Plant::new(&model, &setup);
         let motion = plain.motion(&JointState { q: [0.3, -0.2, 0.6, 0.4], ..JointState::default() }).unwrap();
-        let state: Vec<f64> = (0..LAGS * STRUTS).map(|k| (1.7 * k as f64).sin()).collect();
+        let state: Vec<f64> = (0..LAGS * six_struts().len()).map(|k| (1.7 * k as f64).sin()).collect();
         let rates = all_rates(&state, 4e-3);
         // u·p̈ = ½·0.2 mm·mean of ẍ.
-        let axes: [_; ARMS] = std::array::from_fn(|i| motion.strut_axis[2 * i].transpose());
+        let axes: ThreeArms<_> = std::array::from_fn(|i| motion.strut_axis[2 * i].transpose());
         let along = Vector3::from_fn(|i, _| 1e-4 * 0.5 * (rates[2 * i] + rates[2 * i + 1]));
         let linear = Matrix3::from_rows(&axes).try_inverse().unwrap() * along;
         let mut moved = motion;
@@ -269,7 +270,7 @@ mod tests {
         assert!(played.change(&still) > 1.0);
         assert!(played.tau.iter().zip(expected.tau).all(|(a, b)| (a - b).abs() < 1e-9));
         let mut relieved = Vector6::zeros();
-        for s in 0..STRUTS {
+        for s in six_struts() {
             approx::assert_relative_eq!(played.reactions.lower[s], expected.reactions.lower[s], epsilon = 1e-9);
             relieved[s] = still.reactions.lower[s] - played.reactions.lower[s];
         }
@@ -295,7 +296,7 @@ mod tests {
             let base = Instant { bodies: &plant.bodies, state, ..plant.instant(t, &motion, state) };
             let own = relief(&active.values(), &base) * all_rates(state, 4e-3);
             let force = |s: usize| 30.0 * (t / 2e-3 - 1.0) * if s == 3 { -1.0 } else { 1.0 } - own[s];
-            let reactions = Reactions::of(&[], &std::array::from_fn::<_, STRUTS, _>(force));
+            let reactions = Reactions::of(&[], &six_struts().map(force).collect::<Vec<_>>());
             read(&Instant { reactions: &reactions, ..base });
         };
         let advanced = |count: u32| {
@@ -325,7 +326,7 @@ mod tests {
         let motion = testing::still();
         // ∮ F·de of strut 1 over the second period of F = 8 + 40·sin, J.
         let lost = |period: f64| {
-            let (steps, mut state, mut work) = (20_000, vec![0.0; LAGS * STRUTS], 0.0);
+            let (steps, mut state, mut work) = (20_000, vec![0.0; LAGS * six_struts().len()], 0.0);
             let h = period / f64::from(steps);
             for k in 0..2 * steps {
                 let mut reactions = Reactions::default();

@@ -44,15 +44,15 @@ mod tests {
 
     use super::BallSocketViscous;
     use crate::effects::testing;
-    use crate::machine::bodies::{ARM, PLATFORM, STRUT};
+    use crate::machine::bodies::{self, PLATFORM};
 
     #[test]
     fn turning_strut_is_braked_at_both_ends() {
         let mut motion = testing::still();
-        motion.bodies[STRUT + 3].angular_velocity = Vector3::new(0.0, 2.0, 0.0); // second strut of limb 2
+        motion.bodies[bodies::strut(3)].angular_velocity = Vector3::new(0.0, 2.0, 0.0); // second strut of limb 2
         let total = testing::totals(&BallSocketViscous, &[&[0.3]], &motion);
-        approx::assert_relative_eq!(total[STRUT + 3].1.y, -1.2, epsilon = 1e-12);
-        approx::assert_relative_eq!(total[ARM + 1].1.y, 0.6, epsilon = 1e-12);
+        approx::assert_relative_eq!(total[bodies::strut(3)].1.y, -1.2, epsilon = 1e-12);
+        approx::assert_relative_eq!(total[bodies::arm(1)].1.y, 0.6, epsilon = 1e-12);
         approx::assert_relative_eq!(total[PLATFORM].1.y, 0.6, epsilon = 1e-12);
     }
 }

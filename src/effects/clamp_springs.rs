@@ -121,26 +121,26 @@ fn prestress(k: usize, s: usize, anchor: &Vector3<f64>, force: &Vector3<f64>, mo
 mod tests {
     use super::*;
     use crate::effects::testing;
-    use crate::machine::STRUTS;
     use crate::machine::bodies::{ARM, PLATFORM, STRUT};
+    use crate::machine::six_struts;
 
     /// Struts 1 and 2 hang along x from balls 100 mm apart in y; the first is rolled by `roll`.
     fn moments(roll: [f64; 2]) -> [Vector3<f64>; 2] {
         let mut motion = testing::still();
         for (k, y) in [(0, 0.05), (1, -0.05)] {
-            let strut = &mut motion.bodies[STRUT + k];
+            let strut = &mut motion.bodies[strut(k)];
             strut.position = Vector3::new(0.0, y, 0.0);
             strut.rotation = *nalgebra::Rotation3::from_axis_angle(&Vector3::x_axis(), roll[k]).matrix();
             motion.strut_axis[k] = Vector3::x();
         }
         // The other pairs are far away, so that no distance is zero.
-        for s in 2..STRUTS {
-            motion.bodies[STRUT + s].position = Vector3::new(0.0, if s % 2 == 0 { 1.0 } else { -1.0 }, s as f64);
+        for s in six_struts().skip(2) {
+            motion.bodies[strut(s)].position = Vector3::new(0.0, if s % 2 == 0 { 1.0 } else { -1.0 }, s as f64);
         }
         let total =
             testing::totals(&ClampSprings, &[&[200.0], &[9200.0], &[0.03], &[0.01], &[0.012], &[0.08]], &motion);
-        assert!((total[STRUT].0 + total[STRUT + 1].0).norm() < 1e-12);
-        [total[STRUT].1, total[STRUT + 1].1]
+        assert!((total[STRUT].0 + total[strut(1)].0).norm() < 1e-12);
+        [total[STRUT].1, total[strut(1)].1]
     }
 
     #[test]

@@ -4,9 +4,9 @@ use super::{
     About, Compliance, Count, Effect, Instant, InternalStates, Kind, MachineView, Parameter, Part, Role, Sensor, Spec,
     Unit, Values, Wrenches,
 };
-use crate::machine::Payload;
+use crate::machine::Mechanism;
 use crate::machine::bodies::{ARM, Inertia, arm};
-use crate::machine::{AXES, Mechanism};
+use crate::machine::{Payload, PerAxis, axes_from, each, rate_place};
 
 /// Spring and damper in the gear: the torque on the arm is δ/c + d·δ̇ instead of τ, that on the rotor τ − δ/c − d·δ̇.
 ///
@@ -117,7 +117,7 @@ impl Effect for DriveElasticity {
 
     fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         for (i, c) in elastic(values) {
-            let transmitted = at.state[i] / c + values.one(DAMPING) * at.state[AXES + i];
+            let transmitted = at.state[i] / c + values.one(DAMPING) * at.state[rate_place(i)];
             out.drive_torque(values.index(COMPLIANCE, i), i, (transmitted - at.torque[i]) / c);
         }
     }
@@ -144,21 +144,21 @@ impl Effect for DriveElasticity {
 
 impl InternalStates for DriveElasticity {
     fn initial_state(&self, _values: &Values) -> Vec<f64> {
-        vec![0.0; 2 * AXES]
+        vec![0.0; axes_from(rate_place(0)).end]
     }
 
     fn state_rate(&self, values: &Values, at: &Instant, rate: &mut [f64], _slope: &mut [f64]) {
         let (damping, rotor) = (values.one(DAMPING), values.one(ROTOR_INERTIA));
         for (i, c) in elastic(values) {
-            let transmitted = at.state[i] / c + damping * at.state[AXES + i];
-            rate[i] = at.state[AXES + i];
-            rate[AXES + i] = (at.torque[i] - transmitted) / rotor - at.motion.qdd[i];
+            let transmitted = at.state[i] / c + damping * at.state[rate_place(i)];
+            rate[i] = at.state[rate_place(i)];
+            rate[rate_place(i)] = (at.torque[i] - transmitted) / rotor - at.motion.qdd[i];
         }
     }
 }
 
 impl Sensor for DriveElasticity {
-    fn encoder(&self, values: &Values, state: &[f64], angles: &mut [f64; AXES]) {
+    fn encoder(&self, values: &Values, state: &[f64], angles: &mut PerAxis<f64>) {
         for (i, _) in elastic(values) {
             angles[i] += state[i];
         }
@@ -166,8 +166,8 @@ impl Sensor for DriveElasticity {
 }
 
 impl Compliance for DriveElasticity {
-    fn gear_springs(&self, values: &Values) -> Option<[GearSpring; AXES]> {
-        let mut gears = [GearSpring::default(); AXES];
+    fn gear_springs(&self, values: &Values) -> Option<PerAxis<GearSpring>> {
+        let mut gears: PerAxis<_> = each(GearSpring::default());
         for (gear, &compliance) in gears.iter_mut().zip(values.block(COMPLIANCE)) {
             *gear = GearSpring {
                 compliance,
@@ -219,7 +219,7 @@ mod tests {
             [0.1, 0.0, 0.0, 0.0, -115.0, 0.0, 0.0, 0.0].as_slice(),
             epsilon = 1e-11
         );
-        let mut angles = [0.5; AXES];
+        let mut angles: PerAxis<f64> = each(0.5);
         DriveElasticity.encoder(&active.values(), &state, &mut angles);
         approx::assert_relative_eq!(angles.as_slice(), [0.501, 0.5, 0.5, 0.5].as_slice());
     }

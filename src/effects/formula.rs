@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use super::{About, Count, Effect, Instant, Parameter, Part, Reads, Role, Spec, Unit, Values, Wrenches};
 use crate::machine::bodies::PLATFORM;
 use crate::machine::unit::Powers;
-use crate::machine::{AXES, Mechanism};
+use crate::machine::{Mechanism, TELESCOPE_AXIS};
 
 mod dimension;
 mod expression;
@@ -115,7 +115,7 @@ impl Place {
 
     fn part(self) -> Part {
         match self {
-            Self::Drive(i) if i + 1 == AXES => Part::FourthDrive,
+            Self::Drive(TELESCOPE_AXIS) => Part::FourthDrive,
             Self::Drive(_) => Part::Drives,
             Self::Platform(_) => Part::Linkage,
             Self::Telescope => Part::Telescope,

@@ -2,7 +2,7 @@
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Sensor, Spec, Unit, Values};
 use crate::kinematics::JointState;
-use crate::machine::AXES;
+use crate::machine::PerAxis;
 
 /// Encoder reading q_i + o_i of axis i.
 ///
@@ -38,7 +38,7 @@ impl Effect for JointZeroOffset {
 }
 
 impl Sensor for JointZeroOffset {
-    fn encoder(&self, values: &Values, _state: &[f64], angles: &mut [f64; AXES]) {
+    fn encoder(&self, values: &Values, _state: &[f64], angles: &mut PerAxis<f64>) {
         for (angle, offset) in angles.iter_mut().zip(values.block(0)) {
             *angle += offset;
         }

@@ -16,7 +16,7 @@ use std::sync::{Arc, LazyLock};
 use self::tables::{Robot, relative, table};
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
 use crate::machine::Payload;
-use crate::machine::bodies::{ARM, Bodies, Inertia, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::bodies::{self, ARM, Bodies, Inertia, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::machine::{Axis, Joint, LinkParameters, Mechanism};
 
 /// Name of the effect.
@@ -73,20 +73,20 @@ const PER_ARM: &[Parameter] = &[
     ROTOR_INERTIA,
 ];
 
-const ARMS: Range<usize> = ARM..STRUT;
-const STRUTS: Range<usize> = STRUT..PLATFORM;
+const ARM_BODIES: Range<usize> = ARM..STRUT;
+const STRUT_BODIES: Range<usize> = STRUT..PLATFORM;
 const fn body(b: usize) -> Range<usize> {
     b..b + 1
 }
 
 const UNITS: &[(Range<usize>, UnitInertia); PARAMETERS.len()] = &[
-    (ARMS, UnitInertia::Moment(0)),
-    (ARMS, UnitInertia::Moment(2)),
-    (ARMS, UnitInertia::Tensor(&[1])),
-    (STRUTS, UnitInertia::Mass),
-    (STRUTS, UnitInertia::Moment(0)),
-    (STRUTS, UnitInertia::Tensor(&[0])),
-    (STRUTS, UnitInertia::Tensor(&[1, 2])),
+    (ARM_BODIES, UnitInertia::Moment(0)),
+    (ARM_BODIES, UnitInertia::Moment(2)),
+    (ARM_BODIES, UnitInertia::Tensor(&[1])),
+    (STRUT_BODIES, UnitInertia::Mass),
+    (STRUT_BODIES, UnitInertia::Moment(0)),
+    (STRUT_BODIES, UnitInertia::Tensor(&[0])),
+    (STRUT_BODIES, UnitInertia::Tensor(&[1, 2])),
     (body(PLATFORM), UnitInertia::Mass),
     (body(PLATFORM), UnitInertia::Moment(2)),
     (body(TELESCOPE_UPPER), UnitInertia::Moment(2)),
@@ -104,14 +104,14 @@ const CARRIAGE: Parameter = one("arm_mass", Unit::Kg, 1.0);
 
 const UNITS_PER_ARM: &[(Range<usize>, UnitInertia); 10] = &[
     (body(ARM), UnitInertia::Moment(0)),
-    (body(ARM + 1), UnitInertia::Moment(0)),
-    (body(ARM + 2), UnitInertia::Moment(0)),
+    (body(bodies::arm(1)), UnitInertia::Moment(0)),
+    (body(bodies::arm(2)), UnitInertia::Moment(0)),
     (body(ARM), UnitInertia::Moment(2)),
-    (body(ARM + 1), UnitInertia::Moment(2)),
-    (body(ARM + 2), UnitInertia::Moment(2)),
+    (body(bodies::arm(1)), UnitInertia::Moment(2)),
+    (body(bodies::arm(2)), UnitInertia::Moment(2)),
     (body(ARM), UnitInertia::Tensor(&[1])),
-    (body(ARM + 1), UnitInertia::Tensor(&[1])),
-    (body(ARM + 2), UnitInertia::Tensor(&[1])),
+    (body(bodies::arm(1)), UnitInertia::Tensor(&[1])),
+    (body(bodies::arm(2)), UnitInertia::Tensor(&[1])),
     (body(ROTOR), UnitInertia::Tensor(&[2])),
 ];
 
@@ -123,7 +123,7 @@ static MACHINES: LazyLock<[Arc<RigidBodies>; 5]> = LazyLock::new(|| {
     const LONE: &[(Range<usize>, UnitInertia)] = &[(body(ARM), UnitInertia::Lone)];
     let carriages = RigidBodies::new(
         Cow::Owned(vec![CARRIAGE.counted(Count::PerArm)]),
-        (0..3).map(|i| (vec![ARM + i], UnitInertia::Mass)).collect(),
+        (0..3).map(|i| (vec![bodies::arm(i)], UnitInertia::Mass)).collect(),
     );
     let [arms_and_rotor, arms, turntable, slide] = [
         (PER_ARM, &UNITS_PER_ARM[..]),

@@ -1,7 +1,7 @@
 //! Axial elasticity of the struts and their sockets.
 
 use super::{About, Compliance, Count, Effect, Parameter, Part, Role, Spec, Unit, Values};
-use crate::machine::MAX_STRUTS;
+use crate::machine::PerStrut;
 
 /// Axial spring and damper in each strut: T = Δl/c + d·Δl̇ (N), tension positive, Δl (m) the elongation.
 ///
@@ -57,7 +57,7 @@ impl Effect for StrutElasticity {
 }
 
 impl Compliance for StrutElasticity {
-    fn strut_spring(&self, values: &Values) -> Option<[StrutSpring; MAX_STRUTS]> {
+    fn strut_spring(&self, values: &Values) -> Option<PerStrut<StrutSpring>> {
         let compliance = values.block(COMPLIANCE);
         // A rigid limb among elastic ones gets the largest stiffness that the law allows.
         let spring = |s: usize| StrutSpring {

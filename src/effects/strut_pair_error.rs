@@ -51,17 +51,17 @@ mod tests {
     use crate::dynamics::{Plant, inverse_dynamics};
     use crate::effects::ActiveEffect;
     use crate::kinematics::{JointState, Motion};
-    use crate::machine::bodies::{END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-    use crate::machine::{ARMS, Payload, STRUTS, Setup};
+    use crate::machine::bodies::{self, END_EFFECTOR, PLATFORM, TELESCOPE_LOWER, TELESCOPE_UPPER};
+    use crate::machine::{Payload, Setup, ThreeArms, six_struts, three_arms};
 
-    fn unequal(mut geometry: Geometry, differences: [f64; ARMS]) -> Geometry {
+    fn unequal(mut geometry: Geometry, differences: ThreeArms<f64>) -> Geometry {
         let active = ActiveEffect::new(Arc::new(StrutPairError), &[&differences]);
         StrutPairError.geometry(&active.values(), &mut geometry);
         geometry
     }
 
     /// Rotation of the platform, rad, and its shift at arm angles `q`, exact and to first order.
-    fn tilts(geometry: &Geometry, q: [f64; ARMS], differences: [f64; ARMS]) -> [(Vector3<f64>, Vector3<f64>); 2] {
+    fn tilts(geometry: &Geometry, q: ThreeArms<f64>, differences: ThreeArms<f64>) -> [(Vector3<f64>, Vector3<f64>); 2] {
         let joints = JointState { q: [q[0], q[1], q[2], 0.0], ..JointState::default() };
         let [level, tilted] =
             [*geometry, unequal(*geometry, differences)].map(|geometry| Motion::assembled(&geometry, &joints).unwrap());
@@ -111,14 +111,14 @@ mod tests {
         let motion = Motion::assembled(&geometry, &joints).unwrap();
         for (s, length) in [1.1065, 1.1055, 1.105, 1.107, 1.106, 1.106].into_iter().enumerate() {
             let platform = &motion.bodies[PLATFORM];
-            let span =
-                platform.position + platform.rotation * geometry.platform_ball(s) - motion.bodies[STRUT + s].position;
+            let span = platform.position + platform.rotation * geometry.platform_ball(s)
+                - motion.bodies[bodies::strut(s)].position;
             approx::assert_relative_eq!(span.norm(), length, epsilon = 1e-13);
         }
     }
 
     /// Sum of m·z of all bodies that the platform displaces, kg·m, for a tilt of first order.
-    fn displaced(plant: &Plant, q: [f64; ARMS], differences: [f64; ARMS]) -> f64 {
+    fn displaced(plant: &Plant, q: ThreeArms<f64>, differences: ThreeArms<f64>) -> f64 {
         let [_, (turn, shift)] = tilts(&plant.geometry, q, differences);
         let joints = JointState { q: [q[0], q[1], q[2], 0.0], ..JointState::default() };
         let level = Motion::assembled(&plant.geometry, &joints).unwrap();
@@ -135,10 +135,10 @@ mod tests {
         // The lower end of a strut moves as its ball, less what the strut is longer.
         let strut = |s: usize| {
             let longer = if s.is_multiple_of(2) { 0.5 } else { -0.5 } * differences[s / 2];
-            let share = plant.bodies[STRUT + s].first_moment.x / plant.geometry.strut_length(s);
+            let share = plant.bodies[bodies::strut(s)].first_moment.x / plant.geometry.strut_length(s);
             share * (moved(level.lower_ball(s)) - level.strut_axis[s] * longer).z
         };
-        carried.iter().sum::<f64>() + telescope + (0..STRUTS).map(strut).sum::<f64>()
+        carried.iter().sum::<f64>() + telescope + six_struts().map(strut).sum::<f64>()
     }
 
     /// By virtual work: the torque at rest is the slope of the potential of all displaced weights.
@@ -152,7 +152,7 @@ mod tests {
         let torque = |geometry: Geometry| {
             let plant = Plant { geometry, ..plant.clone() };
             let motion = plant.motion(&JointState { q: [q[0], q[1], q[2], 0.0], ..JointState::default() }).unwrap();
-            Vector3::from_column_slice(&inverse_dynamics(&plant, 0.0, &motion, &[], false).unwrap().tau[..ARMS])
+            Vector3::from_column_slice(&inverse_dynamics(&plant, 0.0, &motion, &[], false).unwrap().tau[three_arms()])
         };
         let gap = |scale: f64| {
             let differences = [1e-3, -5e-4, 1.5e-3].map(|d| scale * d);

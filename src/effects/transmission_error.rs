@@ -2,7 +2,7 @@
 
 use super::{About, Count, Effect, Kind, MachineView, Parameter, Part, Role, Sensor, Spec, Unit, Values};
 use crate::kinematics::JointState;
-use crate::machine::AXES;
+use crate::machine::PerAxis;
 
 /// Joint angle q = θ + e(θ) of an arm, e = Σ_h a_h·sin(h·n·θ) + b_h·cos(h·n·θ), harmonics h = 1, 2.
 ///
@@ -79,7 +79,7 @@ impl Effect for TransmissionError {
 }
 
 impl Sensor for TransmissionError {
-    fn encoder(&self, values: &Values, _state: &[f64], angles: &mut [f64; AXES]) {
+    fn encoder(&self, values: &Values, _state: &[f64], angles: &mut PerAxis<f64>) {
         for (arm, angle) in angles.iter_mut().enumerate().take(values.len(0)) {
             let joint = *angle;
             for _ in 0..MOST_STEPS {

@@ -10,7 +10,7 @@ use super::prospect::Noise;
 use crate::dynamics::Plant;
 use crate::identification::{Dataset, predict};
 use crate::kinematics::JointState;
-use crate::machine::{AXES, Configuration, Part, Payload, Setup};
+use crate::machine::{Configuration, Part, Payload, PerAxis, Setup, each};
 use crate::model::Model;
 use crate::recording::Channel;
 use crate::scenario::Course;
@@ -246,7 +246,7 @@ impl Bench<'_> {
             let k = (place as usize).min(last);
             let (part, [a, b]) = (place - k as f64, [0, 1].map(|i| &dataset.joints[segment.start + k + i]));
             let mix = |a: f64, b: f64| a + part * (b - a);
-            let joined = |f: fn(&JointState) -> &[f64; AXES], factor: f64| {
+            let joined = |f: fn(&JointState) -> &PerAxis<f64>, factor: f64| {
                 std::array::from_fn(|i| factor * mix(f(a)[i], f(b)[i]))
             };
             Some(JointState {
@@ -329,7 +329,7 @@ impl Bench<'_> {
             let [low, high] = plant.geometry.arm_limits();
             for part in [0.5, 0.2, 0.35, 0.8, 0.65] {
                 for step in [-STEP, 0.0, STEP, 0.0] {
-                    poses.push([low + (part + step) * (high - low); AXES]);
+                    poses.push(each(low + (part + step) * (high - low)));
                 }
             }
             poses.iter_mut().for_each(|p| p[plant.mechanism.axes()..].fill(0.0));
@@ -353,7 +353,7 @@ impl Bench<'_> {
     }
 
     fn to_and_fro(&self, plant: &Plant, axis: usize, size: f64, speeds: Vec<f64>, share: f64) -> ConstantSpeed {
-        let held = if plant.assembled { [0.0, 0.0, middle(plant), 0.0] } else { [0.0; AXES] };
+        let held = if plant.assembled { [0.0, 0.0, middle(plant), 0.0] } else { each(0.0) };
         let arms = plant.mechanism.arms();
         let centre = match plant.assembled && axis < arms {
             true => plant.geometry.inverse(&Vector3::new(0.0, 0.0, held[2]), 0.0).map_or(0.0, |q| q[axis]),

@@ -3,9 +3,8 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::dynamics::SocketLoads;
-use crate::kinematics::motion::MAX_SOCKETS;
 use crate::kinematics::{JointState, Motion, PlatformState, Reactions, SocketSet};
-use crate::machine::{AXES, Geometry, MAX_LIMBS, MAX_STRUTS};
+use crate::machine::{Geometry, PerAxis, axes_from, limbs_from, sockets_from, struts_from};
 use crate::model::Model;
 use crate::twin::Clamps;
 
@@ -22,17 +21,17 @@ pub struct Hemisphere {
 pub const LIMITS: usize = HEMISPHERE + 1;
 
 const ARM_HIGH: usize = 0;
-const ARM_LOW: usize = ARM_HIGH + MAX_LIMBS;
-const TELESCOPE: usize = ARM_LOW + MAX_LIMBS;
+const ARM_LOW: usize = limbs_from(ARM_HIGH).end;
+const TELESCOPE: usize = limbs_from(ARM_LOW).end;
 const HOOKE: usize = TELESCOPE + 2;
 const SERIAL: usize = HOOKE + 1;
-const PARALLEL: usize = SERIAL + MAX_LIMBS;
+const PARALLEL: usize = limbs_from(SERIAL).end;
 const SPEED: usize = PARALLEL + 1;
-const ACCELERATION: usize = SPEED + AXES;
-const TORQUE: usize = ACCELERATION + AXES;
-const STRUT_FORCE: usize = TORQUE + AXES;
-const SOCKET: usize = STRUT_FORCE + MAX_STRUTS;
-const HEMISPHERE: usize = SOCKET + MAX_SOCKETS;
+const ACCELERATION: usize = axes_from(SPEED).end;
+const TORQUE: usize = axes_from(ACCELERATION).end;
+const STRUT_FORCE: usize = axes_from(TORQUE).end;
+const SOCKET: usize = struts_from(STRUT_FORCE).end;
+const HEMISPHERE: usize = sockets_from(SOCKET).end;
 
 /// Kinds of limits by name, with the index range of each.
 pub const KINDS: [(&str, std::ops::Range<usize>); 11] = [
@@ -65,9 +64,9 @@ pub struct Limits {
     pub share: f64,
     /// Additional restriction of the workspace.
     pub hemisphere: Option<Hemisphere>,
-    speed: [f64; AXES],
-    acceleration: [f64; AXES],
-    torque: [f64; AXES],
+    speed: PerAxis<f64>,
+    acceleration: PerAxis<f64>,
+    torque: PerAxis<f64>,
     clamps: Clamps,
     telescope: bool,
     /// Angle of the Hooke joints at their stops, rad; infinite without.

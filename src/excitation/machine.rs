@@ -11,7 +11,7 @@ use crate::effects::{ActiveEffect, Entry, Role};
 use crate::identification::fit::nominal_size;
 use crate::identification::{Dataset, columns};
 use crate::kinematics::{JointState, KinematicsError, PlatformState};
-use crate::machine::{AXES, Setup};
+use crate::machine::{PerAxis, Setup, every_axis};
 use crate::model::Model;
 use crate::recording::Channel;
 
@@ -30,7 +30,7 @@ pub struct Machine {
     effects: Vec<ActiveEffect>,
     limits: Limits,
     /// Standard deviations of the torque samples, N·m.
-    noise: [f64; AXES],
+    noise: PerAxis<f64>,
     /// Base columns as indices of the flat parameters, and the parameters' own sizes.
     columns: Vec<usize>,
     sizes: Vec<f64>,
@@ -167,7 +167,7 @@ impl Machine {
         )?;
         let extra = self.candidate_columns(&joints)?;
         let own = self.columns.len();
-        let rows = DMatrix::from_fn(AXES, own + extra.len(), |i, j| match j.checked_sub(own) {
+        let rows = DMatrix::from_fn(every_axis().len(), own + extra.len(), |i, j| match j.checked_sub(own) {
             None => all[(i, self.columns[j])] * self.sizes[j] / self.noise[i],
             Some(k) => extra[k][i] / self.noise[i],
         });
@@ -179,7 +179,7 @@ impl Machine {
     }
 
     /// Columns of the candidates at an instant, in units of their sizes.
-    fn candidate_columns(&self, joints: &JointState) -> Result<Vec<[f64; AXES]>, KinematicsError> {
+    fn candidate_columns(&self, joints: &JointState) -> Result<Vec<PerAxis<f64>>, KinematicsError> {
         if self.candidates.is_empty() {
             return Ok(Vec::new());
         }

@@ -1,6 +1,6 @@
 use super::*;
 use crate::dynamics::inverse_dynamics;
-use crate::machine::{AXES, Setup};
+use crate::machine::{Setup, every_axis};
 use crate::model::testing::irb360;
 use crate::numerics::median;
 use crate::recording::Channel;
@@ -61,7 +61,7 @@ fn limits_have_the_slopes_of_finite_differences() {
     let x = basis.vector(&motion);
     let samples = machine.samples(&basis, &x).unwrap();
     let n = machine.sizes().len();
-    let weights = vec![DMatrix::zeros(AXES, n); samples.len()];
+    let weights = vec![DMatrix::zeros(every_axis().len(), n); samples.len()];
     let slopes = machine.slopes(&basis, &x, &samples, &weights).unwrap();
     let direction: Vec<f64> = (0..x.len()).map(|i| 0.1 * (i as f64).sin()).collect();
     let at = |h: f64| {
@@ -99,7 +99,7 @@ fn designed_motion_keeps_all_limits_between_the_instants_of_the_search() {
         let joints = plant.geometry.inverse_motion(&platform).unwrap();
         plant.geometry.check_limits(&joints.q, &platform.position).unwrap();
         let out = inverse_dynamics(&plant, 0.0, &plant.motion(&joints).unwrap(), &states, true).unwrap();
-        for i in 0..AXES {
+        for i in every_axis() {
             assert!(joints.qd[i].abs() <= limits.speed[i] && joints.qdd[i].abs() <= limits.acceleration[i]);
             assert!(out.tau[i].abs() <= limits.torque[i]);
         }

@@ -12,20 +12,20 @@ use crate::identification::Dataset;
 use crate::identification::dataset::stride_for;
 use crate::identification::residuals::{difference, rms};
 use crate::kinematics::JointState;
-use crate::machine::{AXES, Mechanism};
+use crate::machine::{Mechanism, PerAxis, each, every_axis};
 use crate::recording::Channel;
 
 /// Column of each axis and the conversion of its angle: q = sign · column + zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Arrangement {
     /// Column of each axis' angle.
-    pub angle: [usize; AXES],
+    pub angle: PerAxis<usize>,
     /// Column of each axis' torque.
-    pub torque: [usize; AXES],
+    pub torque: PerAxis<usize>,
     /// +1, or −1 for an angle with the opposite sense.
-    pub sign: [f64; AXES],
+    pub sign: PerAxis<f64>,
     /// Zero of each angle, rad.
-    pub zero: [f64; AXES],
+    pub zero: PerAxis<f64>,
 }
 
 /// Spacing of the zeros on the grid, rad.
@@ -48,11 +48,11 @@ const CHANGE: f64 = 0.02;
 
 impl Arrangement {
     /// The file's own arrangement.
-    pub const PLAIN: Self = Self { angle: [0, 1, 2, 3], torque: [0, 1, 2, 3], sign: [1.0; AXES], zero: [0.0; AXES] };
+    pub const PLAIN: Self = Self { angle: [0, 1, 2, 3], torque: [0, 1, 2, 3], sign: each(1.0), zero: each(0.0) };
 
     /// Motion of the axes, from the motion in the columns.
     pub fn joints(&self, j: &JointState) -> JointState {
-        let of = |v: &[f64; AXES], i: usize| self.sign[i] * v[self.angle[i]];
+        let of = |v: &PerAxis<f64>, i: usize| self.sign[i] * v[self.angle[i]];
         JointState {
             q: std::array::from_fn(|i| of(&j.q, i) + self.zero[i]),
             qd: std::array::from_fn(|i| of(&j.qd, i)),
@@ -92,12 +92,14 @@ impl Arrangement {
 
     /// Whether it only gives arms other names or zeros: column and angle in the same order, of unchanged sense.
     pub fn keeps_senses(&self, arms: usize) -> bool {
-        self.angle == self.torque && (arms..AXES).all(|i| self.angle[i] == i) && self.sign == Self::PLAIN.sign
+        self.angle == self.torque
+            && (arms..every_axis().end).all(|i| self.angle[i] == i)
+            && self.sign == Self::PLAIN.sign
     }
 
     /// Number of deviations from the file's own arrangement.
     fn changes(&self) -> usize {
-        let count = |differs: &dyn Fn(usize) -> bool| (0..AXES).filter(|&i| differs(i)).count();
+        let count = |differs: &dyn Fn(usize) -> bool| every_axis().filter(|&i| differs(i)).count();
         count(&|i| self.angle[i] != i)
             + count(&|i| self.torque[i] != i)
             + count(&|i| self.sign[i] < 0.0)
@@ -106,7 +108,7 @@ impl Arrangement {
 }
 
 /// Orders of `axes` axes except the natural one.
-fn orders(axes: usize) -> Vec<[usize; AXES]> {
+fn orders(axes: usize) -> Vec<PerAxis<usize>> {
     let mut all = vec![Vec::new()];
     for _ in 0..axes {
         let longer = |order: Vec<usize>| {
@@ -116,7 +118,7 @@ fn orders(axes: usize) -> Vec<[usize; AXES]> {
         all = all.into_iter().flat_map(longer).collect();
     }
     let whole = |order: Vec<usize>| std::array::from_fn(|i| order.get(i).copied().unwrap_or(i));
-    all.into_iter().map(whole).filter(|order: &[usize; AXES]| *order != Arrangement::PLAIN.torque).collect()
+    all.into_iter().map(whole).filter(|order: &PerAxis<usize>| *order != Arrangement::PLAIN.torque).collect()
 }
 
 /// Agreement of the recording with an arrangement.

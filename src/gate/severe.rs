@@ -11,7 +11,7 @@ use crate::identification::Dataset;
 use crate::identification::least_squares::least_squares;
 use crate::identification::residuals::{difference, rms};
 use crate::kinematics::JointState;
-use crate::machine::{AXES, Mechanism};
+use crate::machine::{Mechanism, each};
 use crate::model::Model;
 
 /// Range of slopes of measured over predicted torque that a missing effect may cause.
@@ -398,7 +398,7 @@ impl Context<'_> {
     fn weight_and_inertia(&self, axis: usize) -> Option<[f64; 2]> {
         let a = &self.judged.arrangement;
         let channels = &self.instants.dataset.channels;
-        let still = |j: &JointState| JointState { qd: [0.0; AXES], qdd: [0.0; AXES], ..a.joints(j) };
+        let still = |j: &JointState| JointState { qd: each(0.0), qdd: each(0.0), ..a.joints(j) };
         let whole = Predicted::new(self.plant, channels, 0.0, &self.instants.joints(|j| a.joints(j)));
         let weight = Predicted::new(self.plant, channels, 0.0, &self.instants.joints(still));
         let weight = &weight.series[axis];

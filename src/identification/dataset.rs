@@ -11,9 +11,9 @@ use super::derivatives::{Accuracy, Angles, Method, Motions};
 use super::filtering::MIN_HALF_WIDTH;
 use crate::dynamics::Plant;
 use crate::kinematics::JointState;
-use crate::machine::{AXES, Configuration, Mechanism, Part, Setup};
+use crate::machine::{Configuration, Mechanism, Part, PerAxis, Setup, each};
 use crate::model::Model;
-use crate::recording::{Channel, Loads, Recording, Rows, Series, Signals, is_even};
+use crate::recording::{AxisRows, Channel, Loads, Recording, Rows, Series, Signals, is_even};
 
 /// Smoothed joint motion with the measured channels at the same samples.
 #[derive(Clone, Debug)]
@@ -44,20 +44,20 @@ pub struct Dataset {
     pub left_out: f64,
     /// Half width per axis, in samples, of local polynomials whose second derivative has acceptable encoder noise;
     /// the smallest, [`super::filtering::MIN_HALF_WIDTH`], without encoder noise.
-    pub half_width: [usize; AXES],
+    pub half_width: PerAxis<usize>,
     /// Accuracy of the smoothed motion per axis.
-    pub accuracy: [Accuracy; AXES],
+    pub accuracy: PerAxis<Accuracy>,
 }
 
 /// Encoder angles, and the motion including the ringing of elastic gears once it was requested.
 #[derive(Clone, Debug, Default)]
 pub struct EncoderReadings {
-    angles: [Series; AXES],
+    angles: PerAxis<Series>,
     ringing: OnceLock<Vec<JointState>>,
 }
 
 impl EncoderReadings {
-    fn rows(&self) -> Rows<'_, AXES> {
+    fn rows(&self) -> AxisRows<'_> {
         Rows(self.angles.each_ref().map(|own| &**own))
     }
 
@@ -87,8 +87,8 @@ impl Dataset {
             segments: std::iter::once(0..n).collect(),
             dt,
             left_out: 0.0,
-            half_width: [MIN_HALF_WIDTH; AXES],
-            accuracy: [Accuracy::default(); AXES],
+            half_width: each(MIN_HALF_WIDTH),
+            accuracy: each(Accuracy::default()),
         }
     }
 

@@ -15,9 +15,9 @@ use super::filtering::{Kernel, MAX_HALF_WIDTH, MIN_HALF_WIDTH, half_width, noise
 use super::initial::quantum;
 use super::smoother::{Likelihood, Samples, WithErrors, smooth, smooth_with_errors, standard_error, width};
 use crate::kinematics::JointState;
-use crate::machine::AXES;
+use crate::machine::{PerAxis, each, every_axis};
 use crate::numerics::median;
-use crate::recording::{Rows, is_even};
+use crate::recording::{AxisRows, is_even};
 
 /// Method of differentiation. Samples at unequal times are always smoothed, as the filters are for even ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,7 +35,7 @@ pub enum Method {
 
 /// Acceptable standard deviation of accelerations due to encoder noise, rad/s²: torques below a tenth of the sensor
 /// noise.
-const ACCELERATION_NOISE: [f64; AXES] = [0.05, 0.05, 0.05, 0.5];
+const ACCELERATION_NOISE: PerAxis<f64> = [0.05, 0.05, 0.05, 0.5];
 /// Speed below which an axis may reverse, rad/s; an axis that stays below it nearby is at rest.
 const TURNING: f64 = 0.05;
 /// Time that counts as nearby, s.
@@ -72,7 +72,7 @@ struct Jumps {
 
 /// Angles at increasing times.
 pub struct Angles<'a> {
-    q: Rows<'a, AXES>,
+    q: AxisRows<'a>,
     stretches: &'a [Range<usize>],
     dt: f64,
     /// Grids of the segments; empty if all samples are equally spaced.
@@ -80,7 +80,7 @@ pub struct Angles<'a> {
     /// Whether the samples are even, and only the recorded times are not.
     late: bool,
     /// Standard deviation of the noise per axis, rad.
-    sigma: [f64; AXES],
+    sigma: PerAxis<f64>,
 }
 
 /// Instants of a segment at unequal times: its samples, and the middles of the gaps between them.
@@ -141,7 +141,7 @@ pub struct Motions {
     /// Kept samples with their joint states, in pieces without gaps.
     pub pieces: Vec<(Range<usize>, Vec<JointState>)>,
     /// Accuracy of each axis.
-    pub accuracy: [Accuracy; AXES],
+    pub accuracy: PerAxis<Accuracy>,
 }
 
 /// Angle and its first two derivatives with respect to the sample number, of one segment.
@@ -183,15 +183,15 @@ impl Known {
 
 impl<'a> Angles<'a> {
     /// Angles `q` of every sample, rad, at the times `t`, s, in segments; `dt` is the sampling period, s.
-    pub fn new(q: Rows<'a, AXES>, t: &[f64], stretches: &'a [Range<usize>], dt: f64) -> Self {
-        let mut out = Self { q, stretches, dt, grids: Vec::new(), late: false, sigma: [0.0; AXES] };
+    pub fn new(q: AxisRows<'a>, t: &[f64], stretches: &'a [Range<usize>], dt: f64) -> Self {
+        let mut out = Self { q, stretches, dt, grids: Vec::new(), late: false, sigma: each(0.0) };
         if stretches.iter().all(|s| is_even(&t[s.clone()], dt)) {
             out.sigma =
                 std::array::from_fn(|i| noise_level(&stretches.iter().map(|s| out.angles(i, s)).collect::<Vec<_>>()));
             return out;
         }
         out.grids = stretches.iter().map(|s| Grid::new(&t[s.clone()], dt)).collect();
-        for i in 0..AXES {
+        for i in every_axis() {
             let angles: Vec<Vec<f64>> = stretches.iter().map(|s| out.angles(i, s)).collect();
             let angles: Vec<&[f64]> = angles.iter().map(Vec::as_slice).collect();
             // Rests show no noise, and rounding alone leaves a uniform density over a step.
@@ -199,7 +199,8 @@ impl<'a> Angles<'a> {
             out.sigma[i] = rounding.max(uneven_noise_level(stretches.iter().map(|s| &t[s.clone()]).zip(angles)));
         }
         let nowhere = out.nowhere();
-        let likelihood = |angles: &Self| (0..AXES).map(|i| Axis::new(angles, i).snap(&nowhere).likelihood).sum::<f64>();
+        let likelihood =
+            |angles: &Self| every_axis().map(|i| Axis::new(angles, i).snap(&nowhere).likelihood).sum::<f64>();
         let stamped = likelihood(&out);
         let even = out.grids.iter().map(Grid::even).collect();
         let recorded = std::mem::replace(&mut out.grids, even);
@@ -229,7 +230,7 @@ impl<'a> Angles<'a> {
     }
 
     /// Half width of the polynomials per axis, samples; [`MIN_HALF_WIDTH`] for angles without noise at even times.
-    pub fn half_widths(&self) -> [usize; AXES] {
+    pub fn half_widths(&self) -> PerAxis<usize> {
         let least = |sigma: f64| MIN_HALF_WIDTH + usize::from(!self.grids.is_empty() && sigma > 0.0);
         std::array::from_fn(|i| half_width(self.sigma[i], self.dt, ACCELERATION_NOISE[i]).max(least(self.sigma[i])))
     }
@@ -267,10 +268,10 @@ impl<'a> Angles<'a> {
     }
 
     /// Joint states of all samples of every segment from the derivatives of each axis, and their accuracy.
-    fn joined(&self, axis: impl Fn(usize) -> Vec<Smoothed> + Sync) -> (Vec<Segment>, [Accuracy; AXES]) {
+    fn joined(&self, axis: impl Fn(usize) -> Vec<Smoothed> + Sync) -> (Vec<Segment>, PerAxis<Accuracy>) {
         let empty = |s: &Range<usize>| Segment { states: vec![JointState::default(); s.len()], margin: 0, known: None };
         let mut segments: Vec<Segment> = self.stretches.iter().map(empty).collect();
-        let mut accuracy = [Accuracy::default(); AXES];
+        let mut accuracy: PerAxis<_> = each(Accuracy::default());
         by_pairs(self.samples() < LONG, axis, |i, smoothed| {
             let [width, rate, acceleration] = smoothed.first().map_or([0.0; 3], |s| s.errors);
             let steps = if width > 0.0 { self.resolution(i) / width } else { 0.0 };
@@ -322,7 +323,7 @@ impl<'a> Angles<'a> {
         all
     }
 
-    fn smoothed(&self, half_widths: [usize; AXES], jumps: Option<Jumps>) -> (Vec<Segment>, [Accuracy; AXES]) {
+    fn smoothed(&self, half_widths: PerAxis<usize>, jumps: Option<Jumps>) -> (Vec<Segment>, PerAxis<Accuracy>) {
         let most = jumps.map_or(JUMP[1], |j| j.most);
         let smoothed = |i: usize, apart: &[Turns], turns: &[Turns], finest: f64| match half_widths[i] {
             m if m > MIN_HALF_WIDTH => Axis::new(self, i).smoothed(apart, turns, most.min(finest)),
@@ -338,7 +339,7 @@ impl<'a> Angles<'a> {
         };
         let Some(jumps) = jumps else { return self.joined(|i| with_known(i, first(i))) };
         // Of the first smoothing only where axes reverse, and how finely, is kept.
-        let (mut rates, mut finest) = (vec![Vec::new(); AXES], [0.0; AXES]);
+        let (mut rates, mut finest): (PerAxis<Vec<_>>, PerAxis<f64>) = Default::default();
         let known = |i: usize| {
             let all = first(i);
             let rates = |s: &Smoothed| s.values.iter().map(|x| x[1] / self.dt).collect::<Vec<_>>();
@@ -393,9 +394,9 @@ struct Segment {
 /// Passes the results of all axes to `take`, made two at a time; one at a time if not `paired`.
 fn by_pairs<T: Send>(paired: bool, one: impl Fn(usize) -> T + Sync, mut take: impl FnMut(usize, T)) {
     if !paired {
-        return (0..AXES).for_each(|i| take(i, one(i)));
+        return every_axis().for_each(|i| take(i, one(i)));
     }
-    for i in (0..AXES).step_by(2) {
+    for i in every_axis().step_by(2) {
         let (first, second) = rayon::join(|| one(i), || one(i + 1));
         take(i, first);
         take(i + 1, second);
@@ -429,7 +430,7 @@ fn polynomial(x: &[f64], m: usize, sigma: f64) -> Smoothed {
 
 /// Whether q̈ may jump in each step of a segment: an axis reverses, given the rates of all axes in rad/s, within
 /// `shortest` seconds, or did so less than `ringing` seconds ago.
-fn turns(rates: &[&[f64]; AXES], dt: f64, shortest: f64, ringing: f64) -> Vec<bool> {
+fn turns(rates: &PerAxis<&[f64]>, dt: f64, shortest: f64, ringing: f64) -> Vec<bool> {
     let mut turns = no_turns(rates[0].len());
     let steps = turns.len();
     let [shortest, longest, ringing] = [shortest, LONGEST_JUMPING, ringing].map(|t| (t / dt).ceil() as usize);

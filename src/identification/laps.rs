@@ -5,7 +5,7 @@
 //! laps may differ; laps at another speed are not repeats.
 
 use super::Dataset;
-use crate::machine::AXES;
+use crate::machine::{PerAxis, every_axis};
 
 /// Step of the search, s, and length of the window that is searched.
 const STEP: f64 = 5e-3;
@@ -100,12 +100,12 @@ struct Template {
 }
 
 /// Angles and rates in units of the travel; zero for axes at rest.
-type State = [[f64; AXES]; 2];
+type State = [PerAxis<f64>; 2];
 
 struct Course<'a> {
     datasets: &'a [Dataset],
     /// 1/travel of every axis in motion, else zero.
-    scale: [f64; AXES],
+    scale: PerAxis<f64>,
     step: f64,
     /// All recordings at equal steps, one after the other.
     grid: Vec<(Place, Option<State>)>,
@@ -182,7 +182,7 @@ impl<'a> Course<'a> {
                 if let (Some(own), Some(other)) = (own, other)
                     && place.of == self.grid[first].0.of
                 {
-                    sum += (0..AXES).map(|i| (own[0][i] - other[0][i]).powi(2)).sum::<f64>();
+                    sum += every_axis().map(|i| (own[0][i] - other[0][i]).powi(2)).sum::<f64>();
                     pairs += 1;
                     if sum > SIMILAR * SIMILAR * present as f64 {
                         return f64::INFINITY;
@@ -208,7 +208,7 @@ impl<'a> Course<'a> {
             for k in 0..(duration / step) as usize {
                 let by = k as f64 * step;
                 let (Some(own), Some(other)) = (self.at(start.later(by)), self.at(place.later(by))) else { continue };
-                for i in 0..AXES {
+                for i in every_axis() {
                     along += (own[0][i] - other[0][i]) * other[1][i];
                     square += other[1][i].powi(2);
                 }
@@ -223,7 +223,7 @@ impl<'a> Course<'a> {
     /// Largest difference of the angles of two instants; `None` if one of them was not recorded.
     fn difference(&self, a: Place, b: Place) -> Option<f64> {
         let (a, b) = (self.at(a)?, self.at(b)?);
-        Some((0..AXES).map(|i| (a[0][i] - b[0][i]).abs()).fold(0.0, f64::max))
+        Some(every_axis().map(|i| (a[0][i] - b[0][i]).abs()).fold(0.0, f64::max))
     }
 
     /// Time from `a` and `b` on, or back with a negative `step`, over which the motions agree, and whether a recording ends then.
@@ -331,7 +331,7 @@ impl<'a> Course<'a> {
             }
             (between / all).sqrt()
         };
-        let moved = (0..AXES).filter(|&i| self.scale[i] > 0.0);
+        let moved = every_axis().filter(|&i| self.scale[i] > 0.0);
         let mismatch = moved.map(mismatch).fold(0.0, f64::max);
         Some(Laps { samples, starts: places.iter().map(|p| p.t).collect(), duration, mismatch })
     }

@@ -23,7 +23,7 @@ use super::Dataset;
 use crate::dynamics::{LoadCourse, Output, Plant, inverse_dynamics, reads_loads};
 use crate::effects::{ActiveEffect, GearSpring, Kind};
 use crate::kinematics::{JointState, KinematicsError, Motion};
-use crate::machine::AXES;
+use crate::machine::PerAxis;
 use crate::recording::Channel;
 use crate::recording::Signals;
 
@@ -199,7 +199,7 @@ fn joints<'a>(plant: &'a Plant, dataset: &'a Dataset) -> Result<Joints<'a>, Kine
     }
 }
 
-fn gear_springs(plant: &Plant) -> Option<[GearSpring; AXES]> {
+fn gear_springs(plant: &Plant) -> Option<PerAxis<GearSpring>> {
     plant.effects.iter().find_map(|a| a.gear_springs())
 }
 
@@ -281,7 +281,7 @@ fn at_motors(
     own_behind: &InternalStates,
     dataset: &Dataset,
     joints: &Joints,
-) -> Result<Vec<[f64; AXES]>, KinematicsError> {
+) -> Result<Vec<PerAxis<f64>>, KinematicsError> {
     let encoders = joints.of_encoders();
     let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
     let own = InternalStates::along(plant, &effects, dataset, &encoders)?;

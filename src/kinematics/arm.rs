@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::motion::BodyMotion;
-use crate::machine::{ARMS, Actuator, Geometry, Inertia, Limb};
+use crate::machine::{Actuator, Geometry, Inertia, Limb, ThreeArms};
 
 /// Frame and elbow of one arm at one position of its drive, inertial axes.
 ///
@@ -79,7 +79,7 @@ impl Arm {
 
     /// The arms of the first three limbs with their drives at `q`.
     #[inline]
-    pub fn three(geometry: &Geometry, q: &[f64]) -> [Self; ARMS] {
+    pub fn three(geometry: &Geometry, q: &[f64]) -> ThreeArms<Self> {
         let limb = |i: usize| Self::new(&geometry.limbs[i], q[i]);
         [limb(0), limb(1), limb(2)]
     }

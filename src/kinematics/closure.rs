@@ -11,7 +11,7 @@ use super::delta::{JointState, KinematicsError, PlatformState};
 use super::motion::Motion;
 use crate::machine::bodies::arm;
 use crate::machine::plate::PartPlace;
-use crate::machine::{AXES, Geometry, Limb, MAX_LIMBS};
+use crate::machine::{Geometry, Limb, PerAxis, PerLimb, each};
 
 /// Middle of a limb's lower ball pair relative to the plate's origin.
 #[derive(Clone, Copy, Default)]
@@ -66,12 +66,12 @@ struct Rows {
 struct Linkage<'a> {
     geometry: &'a Geometry,
     /// Angles of all arms, rad or m.
-    q: [f64; AXES],
-    arms: [Arm; MAX_LIMBS],
+    q: PerAxis<f64>,
+    arms: PerLimb<Arm>,
     at: Closed,
-    pairs: [Pair; MAX_LIMBS],
+    pairs: PerLimb<Pair>,
     /// Strut vectors l, m.
-    struts: [Vector3<f64>; MAX_LIMBS],
+    struts: PerLimb<Vector3<f64>>,
     rows: Rows,
     /// (|l|² − l₂²)/2 of every limb, m².
     values: Vector4<f64>,
@@ -96,7 +96,7 @@ impl Geometry {
 
     /// Sets the lower ball pairs of all limbs at ψ (rad).
     #[inline]
-    fn set_pairs(&self, psi: f64, pairs: &mut [Pair; MAX_LIMBS]) {
+    fn set_pairs(&self, psi: f64, pairs: &mut PerLimb<Pair>) {
         if !self.plate.turns() {
             self.limbs.iter().zip(pairs).for_each(|(limb, pair)| pair.offset = limb.point);
             return;
@@ -154,8 +154,8 @@ impl Geometry {
     }
 
     /// Angles of all arms (rad or m) with those of the passive ones equal to `passive`.
-    fn with_passive(&self, q: &[f64], passive: f64) -> [f64; AXES] {
-        let mut all = [0.0; AXES];
+    fn with_passive(&self, q: &[f64], passive: f64) -> PerAxis<f64> {
+        let mut all: PerAxis<f64> = each(0.0);
         for (i, limb) in self.limbs.iter().enumerate() {
             all[i] = if limb.driven { q[i] } else { passive };
         }
@@ -192,12 +192,13 @@ impl Geometry {
     fn stepwise(&self, q: &[f64]) -> Option<Linkage<'_>> {
         let driven = self.driven();
         let mean = q[..driven].iter().sum::<f64>() / driven as f64;
-        let mut linkage = Linkage::guess(self, &[mean; AXES]);
+        let means: PerAxis<f64> = each(mean);
+        let mut linkage = Linkage::guess(self, &means);
         linkage.close().then_some(())?;
         let side = linkage.rows.determinant();
         for stage in 1..=STAGES {
             let share = stage as f64 / STAGES as f64;
-            let between: [f64; AXES] =
+            let between: PerAxis<f64> =
                 std::array::from_fn(|i| mean + share * (q.get(i).copied().unwrap_or(mean) - mean));
             linkage = Linkage::new(self, &between, linkage.at);
             linkage.close().then_some(())?;
@@ -245,7 +246,7 @@ impl Geometry {
             out.add(&(inverse * right), self.plate.turns());
             out
         };
-        let driving = |i: usize, rate: &[f64; AXES]| if self.limbs[i].driven { rate[i] } else { 0.0 };
+        let driving = |i: usize, rate: &PerAxis<f64>| if self.limbs[i].driven { rate[i] } else { 0.0 };
         let first = solve(&|i| struts[i].dot(&arms[i].slope) * driving(i, &joints.qd));
         let qd = self.with_passive(&joints.qd, first.passive);
         let second = solve(&|i| {
@@ -267,11 +268,11 @@ impl Geometry {
     ///
     /// # Errors
     /// [`KinematicsError::Singular`] if the drives do not determine the motion of the plate.
-    pub(crate) fn rates_per_drive(&self, motion: &Motion) -> Result<[Closed; MAX_LIMBS], KinematicsError> {
-        let mut pairs = [Pair::default(); MAX_LIMBS];
+    pub(crate) fn rates_per_drive(&self, motion: &Motion) -> Result<PerLimb<Closed>, KinematicsError> {
+        let mut pairs: PerLimb<_> = each(Pair::default());
         self.set_pairs(motion.plate_angle(), &mut pairs);
         let mut rows = Rows::new(self);
-        let mut levers = [0.0; MAX_LIMBS];
+        let mut levers: PerLimb<f64> = each(0.0);
         for (i, limb) in self.limbs.iter().enumerate() {
             let arm = Arm::of(limb, &motion.bodies[arm(i)]);
             let l = motion.strut_axis[2 * i] * motion.strut_length[2 * i];
@@ -280,7 +281,7 @@ impl Geometry {
         }
         let inverse =
             rows.inverse().ok_or_else(|| KinematicsError::Singular { q: motion.q[..motion.driven].into() })?;
-        let mut rates = [Closed::default(); MAX_LIMBS];
+        let mut rates: PerLimb<_> = each(Closed::default());
         for (i, rate) in rates.iter_mut().enumerate().take(motion.driven) {
             rate.add(&(inverse.column(i) * levers[i]), self.plate.turns());
         }
@@ -300,7 +301,7 @@ impl Geometry {
             return Ok(out);
         }
         let way = (self.limbs[first].radial() - self.limbs[first + 1].radial()).normalize();
-        let both = |out: &PlatformState, q: &[f64; AXES]| [first, first + 1].map(|i| self.limb_step(i, q[i], out));
+        let both = |out: &PlatformState, q: &PerAxis<f64>| [first, first + 1].map(|i| self.limb_step(i, q[i], out));
         let mut q = self.inverse(&out.position, out.psi[0])?;
         // Difference of both angles per displacement along the way.
         let mut slope = f64::NAN;
@@ -353,10 +354,10 @@ impl<'a> Linkage<'a> {
         let mut linkage = Self {
             geometry,
             q,
-            arms: [Arm::new(&geometry.limbs[0], q[0]); MAX_LIMBS],
+            arms: each(Arm::new(&geometry.limbs[0], q[0])),
             at,
-            pairs: [Pair::default(); MAX_LIMBS],
-            struts: [Vector3::zeros(); MAX_LIMBS],
+            pairs: each(Pair::default()),
+            struts: each(Vector3::zeros()),
             rows: Rows::new(geometry),
             values: Vector4::zeros(),
         };

@@ -12,17 +12,17 @@ use thiserror::Error;
 
 use super::arm::Arm;
 use super::motion::Motion;
-use crate::machine::{ARMS, AXES, Actuator, Geometry, Limb, bodies};
+use crate::machine::{Actuator, Geometry, Limb, PerAxis, TELESCOPE_AXIS, ThreeArms, bodies, each, three_arms};
 
 /// Joint angles (rad), rates and accelerations.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct JointState {
     /// q = (φ1, φ2, φ3, ψ) of three limbs with a telescope, (φ1, φ2, φ3, φ4) of four limbs.
-    pub q: [f64; AXES],
+    pub q: PerAxis<f64>,
     /// Rates, rad/s.
-    pub qd: [f64; AXES],
+    pub qd: PerAxis<f64>,
     /// Accelerations, rad/s².
-    pub qdd: [f64; AXES],
+    pub qdd: PerAxis<f64>,
 }
 
 /// Motion of the centre of the platform's ball plane (inertial frame) and of the end-effector angle ψ.
@@ -161,9 +161,9 @@ pub struct LawFault {
     /// Time, s.
     pub t: f64,
     /// Joint angles, rad (m on a prismatic axis).
-    pub q: [f64; AXES],
+    pub q: PerAxis<f64>,
     /// Joint rates, rad/s (m/s on a prismatic axis).
-    pub qd: [f64; AXES],
+    pub qd: PerAxis<f64>,
 }
 
 impl std::fmt::Display for LawFault {
@@ -221,8 +221,8 @@ impl Geometry {
     ///
     /// # Errors
     /// [`KinematicsError::OutOfReach`] if a strut does not reach the position.
-    pub fn inverse(&self, position: &Vector3<f64>, psi: f64) -> Result<[f64; AXES], KinematicsError> {
-        let mut q = [0.0; AXES];
+    pub fn inverse(&self, position: &Vector3<f64>, psi: f64) -> Result<PerAxis<f64>, KinematicsError> {
+        let mut q: PerAxis<f64> = each(0.0);
         for (i, limb) in self.limbs.iter().enumerate() {
             let ball = position + self.pair(limb, psi).offset;
             let reached = match limb.actuator {
@@ -250,7 +250,7 @@ impl Geometry {
         }
     }
 
-    fn forward_of(&self, q: [f64; ARMS], arms: &[Arm; ARMS]) -> Result<Vector3<f64>, KinematicsError> {
+    fn forward_of(&self, q: ThreeArms<f64>, arms: &ThreeArms<Arm>) -> Result<Vector3<f64>, KinematicsError> {
         let centre = |i: usize| arms[i].elbow - self.limbs[i].point;
         let (c0, c1, c2) = (centre(0), centre(1), centre(2));
         let [r0, r1, r2] = std::array::from_fn(|i| self.limbs[i].strut_length);
@@ -304,7 +304,7 @@ impl Geometry {
 
     fn jacobian_of(
         &self,
-        arms: &[Arm; ARMS],
+        arms: &ThreeArms<Arm>,
         q: &[f64],
         position: &Vector3<f64>,
     ) -> Result<Matrix3<f64>, KinematicsError> {
@@ -316,7 +316,7 @@ impl Geometry {
             parallel.set_row(i, &l.transpose());
             serial[i] = l.dot(&arm.slope);
         }
-        let inverse = parallel.try_inverse().ok_or_else(|| KinematicsError::Singular { q: q[..ARMS].into() })?;
+        let inverse = parallel.try_inverse().ok_or_else(|| KinematicsError::Singular { q: q[three_arms()].into() })?;
         Ok(inverse * Matrix3::from_diagonal(&serial))
     }
 
@@ -331,14 +331,14 @@ impl Geometry {
         let JointState { q, qd, qdd } = joints;
         let arms = Arm::three(self, q);
         let position = self.forward_of([q[0], q[1], q[2]], &arms)?;
-        let struts: [Vector3<f64>; ARMS] = std::array::from_fn(|i| position + self.limbs[i].point - arms[i].elbow);
+        let struts: ThreeArms<Vector3<f64>> = std::array::from_fn(|i| position + self.limbs[i].point - arms[i].elbow);
         let mut parallel = Matrix3::zeros();
         let mut rate = Vector3::zeros();
         for (i, l) in struts.iter().enumerate() {
             parallel.set_row(i, &l.transpose());
             rate[i] = l.dot(&arms[i].slope) * qd[i];
         }
-        let inverse = parallel.try_inverse().ok_or_else(|| KinematicsError::Singular { q: q[..ARMS].into() })?;
+        let inverse = parallel.try_inverse().ok_or_else(|| KinematicsError::Singular { q: q[three_arms()].into() })?;
         let velocity = inverse * rate;
         let mut rate = Vector3::zeros();
         for (i, (l, arm)) in struts.iter().zip(&arms).enumerate() {
@@ -367,8 +367,8 @@ impl Geometry {
             }
             (joints.qd[i], joints.qdd[i]) = (step.rate, step.acceleration);
         }
-        if self.limbs.len() < AXES {
-            let last = AXES - 1;
+        if self.limbs.len() <= TELESCOPE_AXIS {
+            let last = TELESCOPE_AXIS;
             [joints.q[last], joints.qd[last], joints.qdd[last]] = platform.psi;
         }
         Ok(joints)
@@ -398,9 +398,9 @@ impl Geometry {
         joints: &JointState,
         jerk: &Vector3<f64>,
         turning: f64,
-    ) -> [f64; AXES] {
-        let mut out = [0.0; AXES];
-        out[AXES - 1] = turning;
+    ) -> PerAxis<f64> {
+        let mut out: PerAxis<f64> = each(0.0);
+        out[TELESCOPE_AXIS] = turning;
         let [psi, first, second] = platform.psi;
         for (i, limb) in self.limbs.iter().enumerate() {
             // d²/dt² of l·l̇ = 0: 3 l̇·l̈ + l·l⃛ = 0.

@@ -9,7 +9,10 @@ use super::telescope::{Telescope, telescope_motion};
 use crate::machine::bodies::{
     ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, strut,
 };
-use crate::machine::{ARMS, AXES, Geometry, Joint, Limb, MAX_LIMBS, MAX_STRUTS, Mechanism, Plate, STRUTS};
+use crate::machine::{
+    Geometry, Joint, Limb, Mechanism, PerAxis, PerLimb, PerStrut, Plate, TELESCOPE_AXIS, each, every_axis, six_struts,
+    three_arms,
+};
 
 /// Motion of one body frame in the inertial frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,19 +63,19 @@ impl BodyMotion {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reactions {
     /// At the elbow end.
-    pub upper: [f64; MAX_STRUTS],
+    pub upper: PerStrut<f64>,
     /// At the platform end.
-    pub lower: [f64; MAX_STRUTS],
+    pub lower: PerStrut<f64>,
 }
 
 impl Reactions {
     /// No forces.
-    pub const ZERO: Self = Self { upper: [0.0; MAX_STRUTS], lower: [0.0; MAX_STRUTS] };
+    pub const ZERO: Self = Self { upper: each(0.0), lower: each(0.0) };
 
     /// Forces of the first struts at the elbows and at the platform, N.
     ///
     /// # Panics
-    /// If there are more than [`MAX_STRUTS`].
+    /// If there are more than a [`PerStrut`] holds.
     pub fn of(upper: &[f64], lower: &[f64]) -> Self {
         let mut out = Self::ZERO;
         out.upper[..upper.len()].copy_from_slice(upper);
@@ -93,28 +96,24 @@ pub struct Motion {
     /// Number of limbs whose arm has a drive, the first ones.
     pub driven: usize,
     /// Unit vector along the shaft of each limb.
-    pub shaft: [Vector3<f64>; MAX_LIMBS],
+    pub shaft: PerLimb<Vector3<f64>>,
     /// Joint angles, rad; m for carriages.
-    pub q: [f64; AXES],
+    pub q: PerAxis<f64>,
     /// Joint rates, rad/s.
-    pub qd: [f64; AXES],
+    pub qd: PerAxis<f64>,
     /// Joint accelerations, rad/s².
-    pub qdd: [f64; AXES],
+    pub qdd: PerAxis<f64>,
     /// Body frames, see [`crate::machine::Bodies`].
     pub bodies: [BodyMotion; SLOTS],
     /// Unit vector of each strut, from elbow to platform.
-    pub strut_axis: [Vector3<f64>; MAX_STRUTS],
+    pub strut_axis: PerStrut<Vector3<f64>>,
     /// Distance between the two balls of each strut, m.
-    pub strut_length: [f64; MAX_STRUTS],
+    pub strut_length: PerStrut<f64>,
     /// Body that carries the lower ball of each strut.
-    pub carrier: [usize; MAX_STRUTS],
+    pub carrier: PerStrut<usize>,
     /// Telescope.
     pub telescope: Telescope,
 }
-
-/// Most ball sockets of a machine: one per strut at the elbows, then one per strut at the plate; with three limbs 0..6 and
-/// 6..12.
-pub const MAX_SOCKETS: usize = 2 * MAX_STRUTS;
 
 /// Set of ball sockets, at most two per strut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -122,10 +121,10 @@ pub struct SocketSet(u16);
 
 impl SocketSet {
     /// All twelve sockets of three limbs.
-    pub const ALL: Self = Self((1 << (2 * STRUTS)) - 1);
+    pub const ALL: Self = Self::of(six_struts().end);
 
     /// All sockets of a machine with this number of struts.
-    pub fn of(struts: usize) -> Self {
+    pub const fn of(struts: usize) -> Self {
         Self(((1_u32 << (2 * struts)) - 1) as u16)
     }
 
@@ -172,7 +171,7 @@ impl Motion {
     /// Number of bodies, the first ones, after which the machine has none.
     #[inline]
     pub fn slots(&self) -> usize {
-        if self.limbs == ARMS { BODIES } else { SLOTS }
+        if self.limbs == three_arms().end { BODIES } else { SLOTS }
     }
 
     /// Number of struts.
@@ -192,7 +191,7 @@ impl Motion {
 
     /// Axes with a drive: driven arms, and the rotor of three limbs.
     pub fn drives(&self) -> impl Iterator<Item = usize> + use<> {
-        (0..self.driven).chain((self.limbs == ARMS).then_some(ARMS))
+        (0..self.driven).chain((self.limbs == TELESCOPE_AXIS).then_some(TELESCOPE_AXIS))
     }
 
     /// Screw of the arm of `limb`, driven or passive.
@@ -251,7 +250,7 @@ impl Motion {
     /// velocity in rad/m): inverse of the matrix with rows (uᵀ, (r × u)ᵀ). `None` where the struts do not hold the platform.
     pub fn gap_twists(&self) -> Option<Matrix6<f64>> {
         let mut rows = Matrix6::zeros();
-        for s in 0..STRUTS {
+        for s in six_struts() {
             let u = self.strut_axis[s];
             let r = self.lower_ball(s) - self.bodies[PLATFORM].position;
             rows.fixed_view_mut::<1, 3>(s, 0).copy_from(&u.transpose());
@@ -280,14 +279,14 @@ impl Motion {
         arms: Joint::Revolute,
         limbs: 0,
         driven: 0,
-        shaft: [Vector3::new(0., 0., 0.); MAX_LIMBS],
-        q: [0.0; AXES],
-        qd: [0.0; AXES],
-        qdd: [0.0; AXES],
+        shaft: each(Vector3::new(0., 0., 0.)),
+        q: each(0.0),
+        qd: each(0.0),
+        qdd: each(0.0),
         bodies: [BodyMotion::REST; SLOTS],
-        strut_axis: [Vector3::new(0., 0., 0.); MAX_STRUTS],
-        strut_length: [0.0; MAX_STRUTS],
-        carrier: [PLATFORM; MAX_STRUTS],
+        strut_axis: each(Vector3::new(0., 0., 0.)),
+        strut_length: each(0.0),
+        carrier: each(PLATFORM),
         telescope: Telescope { axis: Vector3::new(0., 0., 1.), length: 0.0, rate: 0.0 },
     };
 
@@ -346,7 +345,7 @@ impl Motion {
             self.strut_length[2 * i..2 * i + 2].fill(limb.strut_length);
             self.carrier[2 * i..2 * i + 2].fill(plate[limb.part]);
         }
-        let [psi, rate, acceleration] = match geometry.limbs.len() < AXES {
+        let [psi, rate, acceleration] = match geometry.limbs.len() <= TELESCOPE_AXIS {
             true => [joints.q[3], joints.qd[3], joints.qdd[3]],
             false => [0.0; 3],
         };
@@ -431,7 +430,7 @@ impl Motion {
     pub fn along(first: &Self, second: &Self, speed: f64, acceleration: f64) -> Self {
         let square = speed * speed;
         let mut motion = *first;
-        for k in 0..AXES {
+        for k in every_axis() {
             motion.qd[k] *= speed;
             motion.qdd[k] = first.qdd[k] * square + second.qdd[k] * acceleration;
         }

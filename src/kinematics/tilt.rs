@@ -16,7 +16,7 @@ use super::delta::{JointState, KinematicsError, PlatformState};
 use super::motion::{BodyMotion, StrutEnds, strut_motion};
 use super::telescope::telescope_motion;
 use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, strut};
-use crate::machine::{ARMS, Geometry, STRUTS};
+use crate::machine::{Geometry, SixStruts, six_struts, three_arms};
 
 /// Newton steps, far beyond the few that a small tilt takes.
 const MOST_STEPS: usize = 20;
@@ -26,9 +26,9 @@ const CONVERGED: f64 = 1e-14;
 /// Closure of the six struts at a pose, linearised.
 struct Rows {
     /// Vectors from upper to lower balls, m.
-    struts: [Vector3<f64>; STRUTS],
+    struts: SixStruts<Vector3<f64>>,
     /// Lower balls relative to the platform's origin, inertial axes, m.
-    balls: [Vector3<f64>; STRUTS],
+    balls: SixStruts<Vector3<f64>>,
     /// Inverse of the matrix with rows (lᵀ, (R·b × l)ᵀ).
     inverse: Matrix6<f64>,
 }
@@ -36,11 +36,11 @@ struct Rows {
 impl Rows {
     fn new(
         geometry: &Geometry,
-        upper: &[Vector3<f64>; STRUTS],
+        upper: &SixStruts<Vector3<f64>>,
         position: &Vector3<f64>,
         rotation: &Matrix3<f64>,
     ) -> Option<Self> {
-        let balls: [Vector3<f64>; STRUTS] = std::array::from_fn(|s| rotation * geometry.platform_ball(s));
+        let balls: SixStruts<Vector3<f64>> = std::array::from_fn(|s| rotation * geometry.platform_ball(s));
         let struts = std::array::from_fn(|s| position + balls[s] - upper[s]);
         let mut rows = Matrix6::zeros();
         for (s, (l, ball)) in struts.iter().zip(&balls).enumerate() {
@@ -70,7 +70,7 @@ impl Motion {
         level: &PlatformState,
     ) -> Result<Self, KinematicsError> {
         let mut motion = Self::with_platform(geometry, joints, level);
-        let q = || joints.q[..ARMS].to_vec();
+        let q = || joints.q[three_arms()].to_vec();
         let arms = Arm::three(geometry, &joints.q);
         let upper =
             std::array::from_fn(|s| arms[s / 2].elbow + geometry.limbs[s / 2].tangential() * geometry.pair_offset(s));
@@ -113,7 +113,7 @@ impl Motion {
             acceleration,
             angular_acceleration: alpha,
         };
-        for s in 0..STRUTS {
+        for s in six_struts() {
             let ends = StrutEnds {
                 offset: geometry.limbs[s / 2].tangential() * geometry.pair_offset(s),
                 point: geometry.platform_ball(s),

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Matrix4, Vector3};
 
-use super::{ARMS, MAX_LIMBS, MAX_STRUTS, STRUTS};
+use super::layout::{ARMS, MAX_LIMBS, MAX_STRUTS, STRUTS};
 
 /// Mass, first moment and inertia tensor of a rigid body about its frame origin, in body axes ([Gnad 2024], eq. 3–4).
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -6,8 +6,9 @@ use std::ops::{Deref, DerefMut};
 
 use nalgebra::Vector3;
 
+use super::Joint;
+use super::layout::{ARMS, PerLimb, each, three_arms};
 use super::plate::Plate;
-use super::{ARMS, Joint, MAX_LIMBS};
 
 /// How the arm of a limb moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -124,7 +125,7 @@ impl Limb {
 /// Unit vector at `azimuth` (rad) in the plane; exact in its signs and halves at thirds of a turn.
 fn direction(azimuth: f64) -> [f64; 2] {
     const H: f64 = 0.866_025_403_784_438_6; // √3/2
-    match (0..ARMS).find(|&i| azimuth == third(i)) {
+    match three_arms().find(|&i| azimuth == third(i)) {
         Some(0) => [1.0, 0.0],
         Some(1) => [-0.5, H],
         Some(_) => [-0.5, -H],
@@ -140,7 +141,7 @@ pub fn third(i: usize) -> f64 {
 /// The limbs of a machine in order: the driven ones first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limbs {
-    all: [Limb; MAX_LIMBS],
+    all: PerLimb<Limb>,
     count: usize,
 }
 
@@ -148,9 +149,9 @@ impl Limbs {
     /// The given limbs.
     ///
     /// # Panics
-    /// If there are more than [`MAX_LIMBS`].
+    /// If there are more than a [`PerLimb`] holds.
     pub fn new(limbs: &[Limb]) -> Self {
-        let mut all = [Limb::at(0.0); MAX_LIMBS];
+        let mut all: PerLimb<_> = each(Limb::at(0.0));
         all[..limbs.len()].copy_from_slice(limbs);
         Self { all, count: limbs.len() }
     }

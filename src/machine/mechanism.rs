@@ -2,6 +2,7 @@
 
 use super::Unit;
 use super::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, strut};
+use super::layout::ARMS;
 use super::unit::Powers;
 
 /// The kind of machine.
@@ -38,7 +39,7 @@ pub struct Members {
 
 impl Members {
     /// Three driven limbs and one platform.
-    pub const DELTA: Self = Self { limbs: super::ARMS as u8, driven: super::ARMS as u8, plate: &[PLATFORM] };
+    pub const DELTA: Self = Self { limbs: ARMS as u8, driven: ARMS as u8, plate: &[PLATFORM] };
 
     /// Limbs and plate of a geometry.
     pub fn of(geometry: &super::Geometry) -> Self {

@@ -5,6 +5,7 @@
 pub mod bodies;
 pub mod check;
 mod geometry;
+pub mod layout;
 mod load;
 mod mechanism;
 mod payload;
@@ -16,23 +17,17 @@ pub mod unit;
 
 pub use bodies::{Bodies, Inertia};
 pub use geometry::{Actuator, Delta, Geometry, Limb, Limbs};
+pub use layout::{
+    PerAxis, PerLimb, PerSocket, PerStrut, SixStruts, StrutList, StrutMatrix, StrutVector, TELESCOPE_AXIS, ThreeArms,
+    axes_from, each, every_axis, every_limb, every_strut, limbs_from, lower_socket, rate_place, six_struts,
+    sockets_from, struts_from, three_arms,
+};
 pub use load::{FREE_FALL, Load};
 pub use mechanism::{Axis, Effort, Joint, Mechanism, Members, Part};
 pub use payload::Payload;
 pub use plate::{Pivot, Plate};
 pub use setup::{Configuration, Setup};
 pub use unit::Unit;
-
-/// Most axes of a machine: four arms, or three arms and the telescope drive.
-pub const AXES: usize = 4;
-/// Number of arms of a delta robot.
-pub const ARMS: usize = 3;
-/// Number of struts of a delta robot.
-pub const STRUTS: usize = 6;
-/// Most limbs of a machine.
-pub const MAX_LIMBS: usize = 4;
-/// Most struts of a machine.
-pub const MAX_STRUTS: usize = 2 * MAX_LIMBS;
 
 /// Symmetry assumptions about the links of an assembled robot.
 ///
@@ -145,7 +140,7 @@ impl Stops {
 #[derive(Clone, Copy, Debug)]
 pub struct Noise {
     /// Noise of the torque at the gear output, N·m per axis.
-    pub torque: [f64; AXES],
+    pub torque: PerAxis<f64>,
     /// Noise of the axial strut force, N.
     pub strut_force: f64,
 }

@@ -1,6 +1,6 @@
 //! Configuration and payload of the machine during a run.
 
-use super::{AXES, Load, Payload};
+use super::{Load, Payload, PerAxis};
 
 /// Known conditions of a run besides its signals.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -12,7 +12,7 @@ pub struct Setup {
     /// Known load of a single axis, where none was measured.
     pub load: Load,
     /// Standard deviation of the torque noise per axis, N·m; zero for an axis without a known value.
-    pub torque_noise: Option<[f64; AXES]>,
+    pub torque_noise: Option<PerAxis<f64>>,
 }
 
 /// Configuration of the machine during a run.

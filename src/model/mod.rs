@@ -18,7 +18,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::effects::{Effects, Host, MachineView};
-use crate::machine::{AXES, Bodies, Drive, Geometry, LinkParameters, Mechanism, Noise, Sockets, Stops};
+use crate::machine::{Bodies, Drive, Geometry, LinkParameters, Mechanism, Noise, PerAxis, Sockets, Stops};
 
 /// Description of one machine.
 #[derive(Clone)]
@@ -40,7 +40,7 @@ pub struct Model {
     /// Which numbers of the bodies are parameters; not stored in the file.
     pub link_parameters: LinkParameters,
     /// Drives 1–3 (arms) and 4 (telescope).
-    pub drives: [Drive; AXES],
+    pub drives: PerAxis<Drive>,
     /// Ball sockets.
     pub sockets: Sockets,
     /// Hard stops.

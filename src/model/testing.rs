@@ -3,7 +3,7 @@
 use super::{Meshes, Model};
 use crate::effects::{ActiveEffect, Effects, find};
 use crate::machine::bodies::{ARM, PLATFORM, ROTOR, SLOTS, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{ARMS, Bodies, Drive, Inertia, Joint, LinkParameters, Mechanism, Noise, STRUTS, Sockets, Stops};
+use crate::machine::{Bodies, Drive, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops};
 
 /// `models/irb360-6-1600.toml`: paper's identified model.
 pub(crate) fn irb360() -> Model {
@@ -52,8 +52,8 @@ fn robot(effects: &[(&str, &[&[f64]])]) -> Model {
     };
     let telescope = Drive { max_torque: 45.0, max_speed: 55.851, max_acceleration: 349.07, max_jerk: 6981.3, ..arm };
     let mut bodies = [Inertia::ZERO; SLOTS];
-    bodies[ARM..ARM + ARMS].fill(Inertia::diagonal(1.6, [0.176, 0.0, 0.006], [0.1, 0.258, 0.258]));
-    bodies[STRUT..STRUT + STRUTS].fill(Inertia::diagonal(0.179, [0.076, 0.0, 0.0], [1.5e-5, 0.075, 0.075]));
+    bodies[ARM..STRUT].fill(Inertia::diagonal(1.6, [0.176, 0.0, 0.006], [0.1, 0.258, 0.258]));
+    bodies[STRUT..PLATFORM].fill(Inertia::diagonal(0.179, [0.076, 0.0, 0.0], [1.5e-5, 0.075, 0.075]));
     bodies[PLATFORM] = Inertia::diagonal(1.2, [0.0, 0.0, -0.024], [0.005, 0.005, 0.006]);
     bodies[ROTOR] = Inertia::diagonal(1.0, [0.0; 3], [0.003; 3]);
     bodies[TELESCOPE_UPPER] = Inertia::diagonal(0.922, [0.0, 0.0, -0.219], [0.084, 0.084, 1.9e-5]);

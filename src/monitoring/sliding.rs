@@ -4,7 +4,7 @@ use crate::dynamics::Plant;
 use crate::identification::fit::{FitError, kinematics};
 use crate::identification::prediction::Channels;
 use crate::identification::{Dataset, Residuals, predict};
-use crate::machine::{AXES, Mechanism, Setup};
+use crate::machine::{Mechanism, PerAxis, Setup};
 use crate::model::Model;
 use crate::recording::{Recording, Signals, sample_time};
 use crate::twin::Clamps;
@@ -28,9 +28,9 @@ pub struct Sample {
     /// Time, s.
     pub t: f64,
     /// Joint angles, rad (m for a sliding axis).
-    pub q: [f64; AXES],
+    pub q: PerAxis<f64>,
     /// Drive torques at the gear output, N·m (N for a sliding axis).
-    pub tau: [f64; AXES],
+    pub tau: PerAxis<f64>,
 }
 
 /// Loads that no sensor sees, from the model along the measured motion.

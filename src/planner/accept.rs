@@ -3,21 +3,20 @@
 use std::collections::BTreeMap;
 
 use super::PlanError;
-use super::limits::QUANTITIES;
+use super::limits::{DYNAMIC, QUANTITIES};
 use super::plan::ALLOWED_USE;
 use super::rows::Tightening;
-use super::verify::{self, Use};
-use crate::machine::AXES;
+use super::verify::{self, AFFINE, JERK, Use};
 
 /// Use above which a limit is tightened for the next round.
 const TIGHTENED_USE: f64 = 1.0003;
 
 /// Whether a limit is exceeded; where it is, the usable share at both ends of the interval is divided by the excess.
 pub(super) fn tighten(uses: &[Use], tightening: &mut Tightening) -> bool {
-    const JERK: usize = AXES + QUANTITIES;
     let mut worst: BTreeMap<(usize, usize), f64> = BTreeMap::new();
     // At rest at the ends of the path, separate rows apply.
-    let still = |u: &Use, k: usize| u.value[..AXES].iter().all(|v| *v == 0.0) && (2 * AXES..JERK).contains(&k);
+    let still =
+        |u: &Use, k: usize| u.value[..AFFINE].iter().all(|v| *v == 0.0) && (AFFINE + DYNAMIC..JERK).contains(&k);
     for u in uses {
         for (k, ratio) in u.ratio.iter().enumerate().filter(|(k, r)| **r > TIGHTENED_USE && !still(u, *k)) {
             let entry = worst.entry((u.interval, k)).or_insert(1.0);
@@ -27,8 +26,8 @@ pub(super) fn tighten(uses: &[Use], tightening: &mut Tightening) -> bool {
     for (&(interval, k), ratio) in &worst {
         for grid_point in [interval, interval + 1] {
             match k {
-                0..AXES => tightening.share[grid_point][QUANTITIES] /= ratio.powi(2),
-                AXES..JERK => tightening.share[grid_point][k - AXES] /= ratio,
+                ..AFFINE => tightening.share[grid_point][QUANTITIES] /= ratio.powi(2),
+                AFFINE..JERK => tightening.share[grid_point][k - AFFINE] /= ratio,
                 _ => tightening.jerk[grid_point][k - JERK] /= ratio,
             }
         }

@@ -2,16 +2,20 @@
 
 use crate::constraint_forces::Detail;
 use crate::dynamics::Output;
-use crate::machine::{AXES, Drive, MAX_STRUTS, Mechanism, Unit};
+use crate::machine::{Drive, Mechanism, PerAxis, Unit, each, every_axis, struts_from};
 use crate::model::Model;
 use crate::recording::Channel;
 
 /// Number of limited quantities affine in s̈: accelerations, torques, λ_E, λ_P, λ_S.
-pub const QUANTITIES: usize = 2 * AXES + FORCES;
+pub const QUANTITIES: usize = DYNAMIC + LOADS;
+/// First of those from the dynamics, after the accelerations.
+pub const DYNAMIC: usize = every_axis().end;
 /// Number of those from the dynamics: torques, λ_E, λ_P, λ_S.
-pub const LOADS: usize = AXES + FORCES;
-/// Number of components of λ_E, λ_P and λ_S.
-const FORCES: usize = BEARING + 2 * MAX_STRUTS;
+pub const LOADS: usize = struts_from(S).end;
+/// First component of λ_E, λ_P and λ_S among those from the dynamics.
+const E: usize = every_axis().end;
+const P: usize = E + BEARING;
+const S: usize = struts_from(P).end;
 /// Number of components of λ_E.
 const BEARING: usize = 5;
 
@@ -19,13 +23,13 @@ const BEARING: usize = 5;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     /// Drive speeds, rad/s.
-    pub speed: [f64; AXES],
+    pub speed: PerAxis<f64>,
     /// Drive accelerations, rad/s².
-    pub acceleration: [f64; AXES],
+    pub acceleration: PerAxis<f64>,
     /// Drive jerks, rad/s³.
-    pub jerk: [f64; AXES],
+    pub jerk: PerAxis<f64>,
     /// Drive torques, N·m.
-    pub torque: [f64; AXES],
+    pub torque: PerAxis<f64>,
     /// Each of the two moments of λ_E, N·m.
     pub bearing_moment: f64,
     /// Each of the three forces of λ_E, N.
@@ -43,10 +47,10 @@ pub struct Limits {
 impl Limits {
     /// No limits.
     pub const NONE: Self = Self {
-        speed: [f64::INFINITY; AXES],
-        acceleration: [f64::INFINITY; AXES],
-        jerk: [f64::INFINITY; AXES],
-        torque: [f64::INFINITY; AXES],
+        speed: each(f64::INFINITY),
+        acceleration: each(f64::INFINITY),
+        jerk: each(f64::INFINITY),
+        torque: each(f64::INFINITY),
         bearing_moment: f64::INFINITY,
         bearing_force: f64::INFINITY,
         strut_lower: f64::INFINITY,
@@ -121,15 +125,12 @@ pub enum Limit {
 impl Limit {
     /// Limit of the affine quantity `k`.
     pub fn affine(k: usize) -> Self {
-        const E: usize = 2 * AXES;
-        const P: usize = E + BEARING;
-        const S: usize = P + MAX_STRUTS;
-        match k {
-            0..AXES => Self::Acceleration(k),
-            AXES..E => Self::Torque(k - AXES),
-            E..P => Self::LambdaE(k - E),
-            P..S => Self::LambdaP(k - P),
-            _ => Self::LambdaS(k - S),
+        match k.checked_sub(DYNAMIC) {
+            None => Self::Acceleration(k),
+            Some(k @ ..E) => Self::Torque(k),
+            Some(k @ E..P) => Self::LambdaE(k - E),
+            Some(k @ P..S) => Self::LambdaP(k - P),
+            Some(k) => Self::LambdaS(k - S),
         }
     }
 
@@ -177,12 +178,10 @@ impl std::fmt::Display for Limit {
 }
 
 /// Torques, and of the `limited` loads λ_E, λ_P and λ_S, in the order of the quantities.
-pub(super) fn loads(tau: &[f64; AXES], lambda_e: &[f64; BEARING], limited: &Output) -> [f64; LOADS] {
-    const P: usize = AXES + BEARING;
-    const S: usize = P + MAX_STRUTS;
+pub(super) fn loads(tau: &PerAxis<f64>, lambda_e: &[f64; BEARING], limited: &Output) -> [f64; LOADS] {
     let mut out = [0.0; LOADS];
-    out[..AXES].copy_from_slice(tau);
-    out[AXES..P].copy_from_slice(lambda_e);
+    out[..E].copy_from_slice(tau);
+    out[E..P].copy_from_slice(lambda_e);
     out[P..S].copy_from_slice(&limited.reactions.lower);
     out[S..].copy_from_slice(&limited.reactions.upper);
     out

@@ -5,7 +5,7 @@ use thiserror::Error;
 
 use super::Curve;
 use crate::kinematics::{JointState, KinematicsError, Motion, PlatformState};
-use crate::machine::{AXES, Geometry};
+use crate::machine::{Geometry, PerAxis, each};
 
 /// Joint positions along a path and their derivatives with respect to s.
 #[derive(Clone, Copy, Debug)]
@@ -13,7 +13,7 @@ pub struct PathPoint {
     /// Path parameter.
     pub s: f64,
     /// q, q′, q″, q‴; rad.
-    pub q: [[f64; AXES]; 4],
+    pub q: [PerAxis<f64>; 4],
     /// r and its derivatives with respect to s (x, y, z, ψ); m, rad.
     pub r: [Vector4<f64>; 4],
 }
@@ -140,7 +140,7 @@ impl PathPoint {
     /// Motion per unit s̈ at rest.
     pub(super) fn unit_acceleration(&self, geometry: &Geometry) -> Motion {
         let none = Vector4::zeros();
-        let joints = JointState { q: self.q[0], qd: [0.0; AXES], qdd: self.q[1] };
+        let joints = JointState { q: self.q[0], qd: each(0.0), qdd: self.q[1] };
         Motion::with_platform(geometry, &joints, &platform(&self.r[0], &none, &self.r[1]))
     }
 }

@@ -1,11 +1,11 @@
 //! Grid along a path, with the limits at its points as rows in z = ṡ² and s̈.
 
+use crate::machine::{PerAxis, each, every_axis};
 use rayon::prelude::*;
 
 use super::coefficients::{Coefficients, Machine, Reference};
-use super::limits::{LOADS, Limits, QUANTITIES};
+use super::limits::{DYNAMIC, LOADS, Limits, QUANTITIES};
 use super::{Curve, PathPoint, PlanError};
-use crate::machine::AXES;
 
 /// ṡ at which force laws are linearised for rest, where friction vanishes, 1/s.
 const REST_SPEED: f64 = 1e-9;
@@ -73,7 +73,7 @@ impl Grid {
     /// [`PlanError::Place`] where the robot cannot follow the path.
     pub fn new(machine: &Machine, curve: &Curve, limits: &Limits, places: &[f64]) -> Result<Self, PlanError> {
         let usable = limits.usable();
-        let quantities: Vec<usize> = (0..AXES).filter(|&k| usable[k].is_finite()).collect();
+        let quantities: Vec<usize> = every_axis().filter(|&k| usable[k].is_finite()).collect();
         let geometry = &machine.plant().geometry;
         let grid_point = |&s: &f64| {
             let point = PathPoint::new(geometry, curve, s)
@@ -82,7 +82,7 @@ impl Grid {
                 .map_err(|reason| PlanError::Place { s, at: curve.at(s)[0].into(), reason })?;
             let [_, q1, q2, _] = &point.q;
             let cap_by_time = (curve.end() / LEAST_TIME).powi(2);
-            let cap = (0..AXES).map(|i| (limits.speed[i] / q1[i]).powi(2)).fold(cap_by_time, f64::min);
+            let cap = every_axis().map(|i| (limits.speed[i] / q1[i]).powi(2)).fold(cap_by_time, f64::min);
             let rows = quantities.iter().map(|&k| Row { a: q1[k] / usable[k], b: q2[k] / usable[k], c: 0.0, d: 0.0 });
             Ok(GridPoint {
                 rows: rows.collect(),
@@ -108,10 +108,10 @@ impl Grid {
     /// [`PlanError::Place`] where the constraint forces are indeterminate.
     pub fn load(&mut self, machine: &Machine, limits: &Limits, references: &[Reference]) -> Result<(), PlanError> {
         let usable = limits.usable();
-        let loads: Vec<usize> = (0..LOADS).filter(|&k| usable[AXES + k].is_finite()).collect();
-        let kinematic = self.quantities.iter().filter(|&&k| k < AXES).count();
+        let loads: Vec<usize> = (0..LOADS).filter(|&k| usable[DYNAMIC + k].is_finite()).collect();
+        let kinematic = self.quantities.iter().filter(|&&k| k < DYNAMIC).count();
         self.quantities.truncate(kinematic);
-        self.quantities.extend(loads.iter().map(|k| AXES + k));
+        self.quantities.extend(loads.iter().map(|k| DYNAMIC + k));
         let ends = [&self.points[0], &self.points[self.points.len() - 1]].map(|x| x.point.s);
         let update = |(grid_point, reference): (&mut GridPoint, &Reference)| {
             let s = grid_point.point.s;
@@ -124,7 +124,7 @@ impl Grid {
             grid_point.rows.truncate(kinematic);
             grid_point.reference = reference.speed;
             let row = |all: &Coefficients, k: usize| {
-                let [a, b, c, d] = [all.a[k], all.b[k], all.c[k], all.d[k]].map(|x| x / usable[AXES + k]);
+                let [a, b, c, d] = [all.a[k], all.b[k], all.c[k], all.d[k]].map(|x| x / usable[DYNAMIC + k]);
                 Row { a, b, c, d }
             };
             grid_point.rows.extend(loads.iter().map(|&k| row(&all, k)));
@@ -200,13 +200,13 @@ pub struct Tightening {
     /// Per grid point: share of each affine quantity, and as last entry of the cap on z.
     pub share: Vec<[f64; QUANTITIES + 1]>,
     /// Per grid point: share of each drive's jerk limit.
-    pub jerk: Vec<[f64; AXES]>,
+    pub jerk: Vec<PerAxis<f64>>,
 }
 
 impl Tightening {
     /// No limit tightened at `points` grid points.
     pub fn none(points: usize) -> Self {
-        Self { share: vec![[1.0; QUANTITIES + 1]; points], jerk: vec![[1.0; AXES]; points] }
+        Self { share: vec![[1.0; QUANTITIES + 1]; points], jerk: vec![each(1.0); points] }
     }
 
     /// Share of the cap on z at grid point `i`.

@@ -6,14 +6,13 @@ use super::certificate::UpperBound;
 use super::coefficients::Machine;
 use super::grid::{even, graded};
 use super::jerk::{self, Sequence};
-use super::limits::{Limit, Limits};
+use super::limits::{DYNAMIC, Limit, Limits};
 use super::linearise::{references, references_of_passes, reparametrised, resampled};
 use super::pass::{self, Passes, Stuck};
 use super::plan::{Options, Plan, TIGHTENED_GAP};
 use super::rows::{Grid, Tightening};
 use super::verify::{self, Use};
 use super::{Curve, Objective, PathPoint, PlaceError, PlanError, Profile, certificate, refine, relaxation};
-use crate::machine::AXES;
 
 /// Least number of checked places per interval, and over the whole path in the last check.
 const PLACES_PER_INTERVAL: usize = 10;
@@ -404,10 +403,10 @@ impl<'a> Search<'a> {
             for speed in [0.0, creeping] {
                 let loads = self.machine.loads(&point.motion(geometry, speed, 0.0)).map_err(place)?;
                 for (k, value) in loads.into_iter().enumerate() {
-                    let usable = usable[AXES + k];
+                    let usable = usable[DYNAMIC + k];
                     let used = value.abs() / usable;
                     if used > allowed && worst.as_ref().is_none_or(|w| used > w.0) {
-                        let limit = Limit::affine(AXES + k);
+                        let limit = Limit::affine(DYNAMIC + k);
                         let machine = self.machine.plant().mechanism;
                         worst = Some((used, PlanError::AtRest { limit, s, value, usable, machine }));
                     }

@@ -2,7 +2,7 @@
 
 use super::{Machine, PathPoint, Plan, PlanError};
 use crate::dynamics::steady_inverse_dynamics;
-use crate::machine::{AXES, Setup};
+use crate::machine::{PerAxis, Setup};
 use crate::recording::{Channel, Recording, Signals};
 
 /// Recording of the plan with a row every `period` s: q, q̇, q̈, torques, strut forces, platform position, ṡ and s̈,
@@ -24,7 +24,7 @@ pub fn trajectory(
     let rows = (plan.time / period).ceil().max(1.0);
     let stretch = rows * period / plan.time;
     let times: Vec<f64> = (0..=rows as usize).map(|k| k as f64 * period).collect();
-    let [mut q, mut qd, mut qdd, mut tau]: [Vec<[f64; AXES]>; 4] = Default::default();
+    let [mut q, mut qd, mut qdd, mut tau]: [Vec<PerAxis<f64>>; 4] = Default::default();
     let mut reactions = Vec::new();
     let mut ee: Vec<[f64; 3]> = Vec::new();
     for [s, speed, acceleration] in plan.profile.sample(times.iter().map(|t| t / stretch)) {

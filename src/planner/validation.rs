@@ -7,7 +7,7 @@ use super::{Limit, Limits};
 use crate::constraint_forces::{Detail, constraint_forces};
 use crate::dynamics::Plant;
 use crate::kinematics::JointState;
-use crate::machine::{AXES, Mechanism};
+use crate::machine::{Mechanism, PerAxis, every_axis};
 use crate::model::Model;
 use crate::recording::{Channel, Recording, Signals};
 use crate::scenario::motion::table::Table;
@@ -19,7 +19,7 @@ pub struct Execution {
     /// Signals of the execution, without noise.
     pub recording: Recording,
     /// RMS and largest deviation of each drive torque, N·m.
-    pub torque: [[f64; 2]; AXES],
+    pub torque: PerAxis<[f64; 2]>,
     /// RMS and largest deviation of the upper strut forces, N.
     pub strut: Vec<[f64; 2]>,
     /// RMS and largest deviation of the end effector's acceleration, m/s².
@@ -153,7 +153,7 @@ fn peaks(machine: &Model, recording: &Recording, events: &[Event]) -> BTreeMap<L
             let peak = peaks.entry(limit).or_insert(0.0);
             *peak = f64::max(*peak, value.abs());
         };
-        (0..AXES).for_each(|i| add(Limit::Torque(i), signals.tau().at(k)[i]));
+        every_axis().for_each(|i| add(Limit::Torque(i), signals.tau().at(k)[i]));
         for (channel, values) in signals.series() {
             match channel {
                 Channel::StrutLower(s) => add(Limit::LambdaP(s), values[k]),

@@ -2,20 +2,23 @@
 
 use rayon::prelude::*;
 
-use super::limits::{Limit, Limits, QUANTITIES};
+use super::limits::{DYNAMIC, Limit, Limits, QUANTITIES};
 use super::{Curve, Machine, PathPoint, PlaceError, PlanError, Profile};
-use crate::machine::AXES;
+use crate::machine::{axes_from, every_axis};
 use crate::numerics::bisect;
 
 /// Number of checked quantities: drive speeds, then as in [`Limit::affine`], then drive jerks.
-pub const CHECKED: usize = AXES + QUANTITIES + AXES;
+pub const CHECKED: usize = axes_from(JERK).end;
+/// First of those as in [`Limit::affine`].
+pub const AFFINE: usize = every_axis().end;
+/// First drive jerk.
+pub const JERK: usize = AFFINE + QUANTITIES;
 
 /// The limit of checked quantity `k`.
 pub fn checked(k: usize) -> Limit {
-    const JERK: usize = AXES + QUANTITIES;
     match k {
-        0..AXES => Limit::Speed(k),
-        AXES..JERK => Limit::affine(k - AXES),
+        ..AFFINE => Limit::Speed(k),
+        AFFINE..JERK => Limit::affine(k - AFFINE),
         _ => Limit::Jerk(k - JERK),
     }
 }
@@ -59,15 +62,16 @@ fn places(machine: &Machine, curve: &Curve, profile: &Profile, i: usize, points:
         _ => {}
     }
     let geometry = &machine.plant().geometry;
-    // Rates of the drives and of the telescope with respect to s.
-    let rates = |sigma: f64| -> Option<[f64; AXES + 1]> {
+    // Rates of the drives, then of the telescope, with respect to s.
+    const TELESCOPE: usize = every_axis().end;
+    let rates = |sigma: f64| -> Option<[f64; TELESCOPE + 1]> {
         let point = PathPoint::new(geometry, curve, profile.s[i] + sigma).ok()?;
         let [a, b, c, d] = point.q[1];
         let axis = geometry.telescope_bar(&point.r[0].xyz()).normalize();
         Some([a, b, c, d, -axis.dot(&point.r[1].xyz())])
     };
     let (Some(start), Some(end)) = (rates(0.0), rates(h)) else { return out };
-    for k in (0..=AXES).filter(|&k| start[k] * end[k] < 0.0) {
+    for k in (0..=TELESCOPE).filter(|&k| start[k] * end[k] < 0.0) {
         let [low, _] = bisect([0.0, h], 30, |sigma| rates(sigma).is_some_and(|rate| rate[k] * start[k] > 0.0));
         let bend = (end[k] - start[k]) / h;
         let width = REVERSAL_RATE / (bend.abs() * profile.at(i, low).z.sqrt()).max(f64::MIN_POSITIVE);
@@ -105,18 +109,18 @@ pub fn uses(
         let loads = machine.loads(&motion).map_err(|e| place(PlaceError::Pose(e)))?;
         let mut value = [0.0; CHECKED];
         let mut ratio = [0.0; CHECKED];
-        for i in 0..AXES {
+        for i in every_axis() {
             let [_, q1, q2, q3] = point.q.map(|q| q[i]);
             value[i] = motion.qd[i];
             ratio[i] = value[i].abs() / limits.speed[i];
-            value[AXES + i] = motion.qdd[i];
-            let jerk = AXES + QUANTITIES + i;
+            value[AFFINE + i] = motion.qdd[i];
+            let jerk = JERK + i;
             value[jerk] = q3 * speed.powi(3) + 3.0 * q2 * speed * pace.acceleration + q1 * pace.jerk;
             ratio[jerk] = value[jerk].abs() / limits.jerk[i];
         }
-        value[2 * AXES..AXES + QUANTITIES].copy_from_slice(&loads);
+        value[AFFINE + DYNAMIC..JERK].copy_from_slice(&loads);
         for q in 0..QUANTITIES {
-            ratio[AXES + q] = value[AXES + q].abs() / usable[q];
+            ratio[AFFINE + q] = value[AFFINE + q].abs() / usable[q];
         }
         Ok(Use { interval, s, ratio, value })
     };

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::fmt;
 use std::sync::LazyLock;
 
-use crate::machine::{ARMS, AXES, MAX_STRUTS, Mechanism, STRUTS, Unit};
+use crate::machine::{Mechanism, PerAxis, Unit, every_axis, every_strut};
 
 /// A scalar signal. Axes, struts, sockets, coordinates and rows count from 0; the order is that of the columns of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -201,7 +201,7 @@ impl Family {
 
 impl Channel {
     /// The four drive torques.
-    pub const TORQUES: [Self; AXES] = [Self::Torque(0), Self::Torque(1), Self::Torque(2), Self::Torque(3)];
+    pub const TORQUES: PerAxis<Self> = [Self::Torque(0), Self::Torque(1), Self::Torque(2), Self::Torque(3)];
 
     /// Efforts of the drives of a machine, in order.
     pub fn of_drives(machine: Mechanism) -> Vec<Self> {
@@ -268,7 +268,7 @@ impl Channel {
     /// The channel whose column has this name.
     pub fn named(column: &str) -> Option<Self> {
         static NAMES: LazyLock<HashMap<String, Channel>> = LazyLock::new(|| {
-            let all = FAMILIES.iter().flat_map(|family| family.of_counts(AXES, MAX_STRUTS));
+            let all = FAMILIES.iter().flat_map(|family| family.of_counts(every_axis().end, every_strut().end));
             all.map(|channel| (channel.to_string(), channel)).collect()
         });
         NAMES.get(column).copied()
@@ -332,11 +332,11 @@ pub fn multiplier_names() -> &'static [String; ROWS] {
         let mut names = Vec::with_capacity(ROWS);
         let mut add = |joint: &str, rows: &[&str]| names.extend(rows.iter().map(|row| format!("lambda_{joint}_{row}")));
         let bearing = ["x", "y", "z", "4", "5"];
-        for i in 1..=ARMS {
+        for i in 1..=3 {
             add(&format!("arm{i}"), &bearing);
         }
         add("rotor", &bearing);
-        for s in 1..=STRUTS {
+        for s in 1..=6 {
             add(&format!("strut{s}_upper"), &XYZ);
             add(&format!("strut{s}_lower"), &XYZ);
         }
@@ -371,7 +371,7 @@ mod tests {
                 assert!(seen.insert(channel.to_string()));
             }
         }
-        assert_eq!(seen.len(), 7 * AXES + 2 * STRUTS + 6 + 2 * STRUTS + ROWS);
+        assert_eq!(seen.len(), 7 * 4 + 2 * 6 + 6 + 2 * 6 + ROWS);
         assert_eq!([Channel::named("q5"), Channel::named("strut9_upper"), Channel::named("tau")], [None; 3]);
     }
 

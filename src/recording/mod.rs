@@ -12,7 +12,7 @@ pub use context::{Attachment, Contact, Contacts, Context, Level, Note, Poses};
 pub use difference::Difference;
 pub use loads::Loads;
 pub use series::Series;
-pub use signals::{Rows, Signals, is_even, sample_time};
+pub use signals::{AxisRows, Rows, Signals, is_even, sample_time};
 
 use crate::machine::Setup;
 

@@ -3,7 +3,7 @@
 use std::ops::{Index, Range};
 
 use super::{Channel, Series};
-use crate::machine::{AXES, Joint, Mechanism};
+use crate::machine::{Joint, Mechanism, PerAxis, every_axis};
 
 /// Sampled signals; all channels have the length of `t`.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -26,6 +26,9 @@ pub struct Signals {
 /// `N` channels of one quantity next to each other; those that are not recorded are empty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rows<'a, const N: usize>(pub [&'a [f64]; N]);
+
+/// One series per axis.
+pub type AxisRows<'a> = Rows<'a, { every_axis().end }>;
 
 impl<'a, const N: usize> Rows<'a, N> {
     /// Values at sample `k`; zero where not recorded.
@@ -66,7 +69,7 @@ impl Signals {
     }
 
     /// Signals of the drives at the times `t`, s, with a row of angles (rad) and one of torques (N·m) per time.
-    pub fn of_drives(mechanism: Mechanism, t: Vec<f64>, q: &[[f64; AXES]], tau: &[[f64; AXES]]) -> Self {
+    pub fn of_drives(mechanism: Mechanism, t: Vec<f64>, q: &[PerAxis<f64>], tau: &[PerAxis<f64>]) -> Self {
         let mut signals = Self::new(mechanism, t);
         signals.set_rows(Channel::Angle, q);
         signals.set_rows(Channel::Torque, tau);
@@ -139,12 +142,12 @@ impl Signals {
     }
 
     /// Joint angles (φ1, φ2, φ3, ψ), rad.
-    pub fn q(&self) -> Rows<'_, AXES> {
+    pub fn q(&self) -> AxisRows<'_> {
         self.rows(Channel::Angle)
     }
 
     /// Drive torques at the gear output, N·m.
-    pub fn tau(&self) -> Rows<'_, AXES> {
+    pub fn tau(&self) -> AxisRows<'_> {
         self.rows(Channel::Torque)
     }
 

@@ -15,8 +15,7 @@ use nalgebra::Vector3;
 
 use crate::cell::{Object, Shape};
 use crate::effects::{ActiveEffect, find};
-use crate::kinematics::motion::MAX_SOCKETS;
-use crate::machine::{AXES, MAX_STRUTS, Payload, Setup};
+use crate::machine::{Payload, PerAxis, PerSocket, PerStrut, Setup, each};
 use crate::model::Model;
 
 /// Integration steps per sample time where a scenario states none.
@@ -115,9 +114,9 @@ impl std::str::FromStr for Formulation {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Gains {
     /// Proportional gain per axis, N·m/rad.
-    pub proportional: Option<[f64; AXES]>,
+    pub proportional: Option<PerAxis<f64>>,
     /// Derivative gain per axis, N·m·s/rad.
-    pub derivative: Option<[f64; AXES]>,
+    pub derivative: Option<PerAxis<f64>>,
     /// Cut-off frequency of the low-pass on the differentiated error, Hz.
     pub cutoff: Option<f64>,
 }
@@ -177,9 +176,9 @@ pub enum Trip {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sensors {
     /// Struts with a force sensor at the elbow.
-    pub strut_upper: [bool; MAX_STRUTS],
+    pub strut_upper: PerStrut<bool>,
     /// Struts with a force sensor at the platform.
-    pub strut_lower: [bool; MAX_STRUTS],
+    pub strut_lower: PerStrut<bool>,
     /// Position of the centre of the platform's ball plane.
     pub ee: bool,
     /// Joint rates.
@@ -199,7 +198,7 @@ pub struct Sensors {
 impl Default for Sensors {
     /// Only the platform position.
     fn default() -> Self {
-        let none = [false; MAX_STRUTS];
+        let none: PerStrut<bool> = each(false);
         Self {
             strut_upper: none,
             strut_lower: none,
@@ -252,12 +251,12 @@ impl Scenario {
     }
 
     /// Dislocation force of each ball socket of `model`, N: one per strut at the elbows, then one per strut at the plate.
-    pub fn socket_holds(&self, model: &Model) -> [f64; MAX_SOCKETS] {
+    pub fn socket_holds(&self, model: &Model) -> PerSocket<f64> {
         self.sockets.holds(model.sockets.dislocation_force, self.seed, model.mechanism)
     }
 
     /// Force that presses each cup of `model` on its ball, N, in the same order.
-    pub fn socket_preloads(&self, model: &Model) -> [f64; MAX_SOCKETS] {
+    pub fn socket_preloads(&self, model: &Model) -> PerSocket<f64> {
         self.sockets.preloads(model.sockets.preload, model.mechanism)
     }
 }

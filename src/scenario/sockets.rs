@@ -4,12 +4,12 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, Normal};
 
-use crate::kinematics::motion::MAX_SOCKETS;
-use crate::machine::{MAX_LIMBS, Mechanism};
+use crate::machine::{Mechanism, PerSocket, each, every_limb, limbs_from};
 
 /// Most clamp spring units, one per pair of sockets: those at the elbows limb by limb, then those at the plate from
-/// [`MAX_LIMBS`] on.
-pub const MAX_SPRINGS: usize = 2 * MAX_LIMBS;
+/// [`LOWER`] on.
+pub const MAX_SPRINGS: usize = limbs_from(LOWER).end;
+const LOWER: usize = every_limb().end;
 
 /// Stream of the random generator for the hold forces; the sensor noise uses stream 0.
 const STREAM: u64 = 1;
@@ -21,9 +21,9 @@ pub struct SocketSetup {
     /// reported.
     pub armed: bool,
     /// Hold force of each socket, N, in place of the model's.
-    pub hold: Option<[f64; MAX_SOCKETS]>,
+    pub hold: Option<PerSocket<f64>>,
     /// Fraction of the hold force lost by each socket, 0 to 1.
-    pub wear: [f64; MAX_SOCKETS],
+    pub wear: PerSocket<f64>,
     /// Number of sockets for which the arrays `hold` or `wear` are meant; 0 if neither is given.
     pub given: usize,
     /// Number of missing springs, of the two in each unit, see [`spring_name`].
@@ -37,8 +37,8 @@ impl SocketSetup {
     ///
     /// It is the lateral force at zero load along the cup's opening, and proportional to the clamp force: a unit with
     /// one of its two springs missing holds half. Wear of the cup's rim and scatter do not change the clamp force.
-    pub fn holds(&self, healthy: f64, seed: u64, machine: Mechanism) -> [f64; MAX_SOCKETS] {
-        let mut holds = self.hold.unwrap_or([healthy; MAX_SOCKETS]);
+    pub fn holds(&self, healthy: f64, seed: u64, machine: Mechanism) -> PerSocket<f64> {
+        let mut holds = self.hold.unwrap_or(each(healthy));
         if let Some(normal) = self.sigma.and_then(|sigma| Normal::new(0.0, sigma).ok()) {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             rng.set_stream(STREAM);
@@ -50,7 +50,7 @@ impl SocketSetup {
     }
 
     /// Force that presses each cup on its ball, N; `healthy` is the model's value.
-    pub fn preloads(&self, healthy: f64, machine: Mechanism) -> [f64; MAX_SOCKETS] {
+    pub fn preloads(&self, healthy: f64, machine: Mechanism) -> PerSocket<f64> {
         std::array::from_fn(|s| healthy * self.springs(s, machine))
     }
 
@@ -65,7 +65,7 @@ impl SocketSetup {
         if ![0, sockets].contains(&self.given) {
             return Some(format!("`sockets` states {} sockets; expected {sockets}, two per strut", self.given));
         }
-        let absent = (0..MAX_SPRINGS).find(|&s| self.missing[s] > 0 && s % MAX_LIMBS >= limbs)?;
+        let absent = (0..MAX_SPRINGS).find(|&s| self.missing[s] > 0 && s % LOWER >= limbs)?;
         Some(format!("`sockets.missing_springs` has {}; the robot has {limbs} limbs", spring_name(absent)))
     }
 }
@@ -74,12 +74,12 @@ impl SocketSetup {
 pub fn spring(socket: usize, machine: Mechanism) -> usize {
     let pairs = machine.limbs();
     let (end, limb) = if socket / 2 < pairs { (0, socket / 2) } else { (1, socket / 2 - pairs) };
-    end * MAX_LIMBS + limb.min(MAX_LIMBS - 1)
+    end * LOWER + limb.min(LOWER - 1)
 }
 
 /// Name of a spring unit: `limb1_upper` … at the elbows, then `limb1_lower` … at the plate.
 pub fn spring_name(spring: usize) -> String {
-    format!("limb{}_{}", spring % MAX_LIMBS + 1, if spring < MAX_LIMBS { "upper" } else { "lower" })
+    format!("limb{}_{}", spring % LOWER + 1, if spring < LOWER { "upper" } else { "lower" })
 }
 
 #[cfg(test)]
@@ -92,12 +92,12 @@ mod tests {
 
     #[test]
     fn wear_and_missing_springs_weaken_their_own_sockets() {
-        assert_eq!(SocketSetup::default().holds(200.0, 7, DELTA), [200.0; MAX_SOCKETS]);
+        assert_eq!(SocketSetup::default().holds(200.0, 7, DELTA), each(200.0));
         let mut sockets = SocketSetup::default();
         sockets.wear[3] = 0.25;
-        sockets.missing[MAX_LIMBS + 1] = 1;
-        sockets.missing[MAX_LIMBS + 2] = 2;
-        let mut expected = [200.0; MAX_SOCKETS];
+        sockets.missing[LOWER + 1] = 1;
+        sockets.missing[LOWER + 2] = 2;
+        let mut expected: PerSocket<f64> = each(200.0);
         expected[3] = 150.0;
         (expected[8], expected[9]) = (100.0, 100.0);
         (expected[10], expected[11]) = (0.0, 0.0);
@@ -105,7 +105,7 @@ mod tests {
         // Wear does not change the preload.
         expected[3] = 200.0;
         assert_eq!(sockets.preloads(200.0, DELTA), expected);
-        assert_eq!(spring_name(MAX_LIMBS + 1), "limb2_lower");
+        assert_eq!(spring_name(LOWER + 1), "limb2_lower");
         // Both sockets of a unit are on the same limb and end.
         for s in 0..12 {
             let name = spring_name(spring(s, DELTA));

@@ -8,7 +8,6 @@
 
 use std::ops::Range;
 
-use arrayvec::ArrayVec;
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
 
 use super::SingularPose;
@@ -22,10 +21,9 @@ use super::state::BodyState;
 use super::wrench::{Load, STILL, Twist};
 use crate::dynamics::{Plant, without_prestress};
 use crate::effects::StrutSpring;
-use crate::kinematics::motion::MAX_SOCKETS;
 use crate::kinematics::{Arm, BodyMotion, JointState, Motion, Reactions, Screw, SocketSet, Telescope};
 use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, arm, strut};
-use crate::machine::{AXES, MAX_STRUTS};
+use crate::machine::{PerAxis, PerSocket, PerStrut, StrutList, axes_from, every_axis};
 use crate::numerics::with_turns;
 
 /// Per body: position, quaternion at the start of the step, rotation θ since then, velocity, angular velocity (inertial
@@ -36,7 +34,7 @@ const VELOCITY: usize = 10;
 const OMEGA: usize = 13;
 
 /// Elastic struts at one instant.
-type Stretches = ArrayVec<Stretch, MAX_STRUTS>;
+type Stretches = StrutList<Stretch>;
 
 /// The joints of a machine in absolute coordinates, and the layout of its state: bodies, then the angles of the axes
 /// including full turns, which the orientations do not determine, then the elongations of the struts and their rates.
@@ -80,7 +78,7 @@ impl Joints {
     /// Angles of the axes.
     fn angles(&self) -> Range<usize> {
         let start = BODY * self.solver.bodies().len();
-        start..start + AXES
+        axes_from(start)
     }
 
     /// Elongations of the struts.
@@ -218,7 +216,7 @@ impl Joints {
     }
 
     /// Axis angles including full turns, rad.
-    pub fn coordinates(&self, y: &[f64]) -> [f64; AXES] {
+    pub fn coordinates(&self, y: &[f64]) -> PerAxis<f64> {
         let at = self.angles();
         std::array::from_fn(|i| y[at.start + i])
     }
@@ -325,11 +323,11 @@ fn rate_of(joints: &Joints, screw: &Screw, body: usize, y: &[f64]) -> f64 {
 pub(super) struct Solution {
     pub bodies: [Twist; SLOTS],
     /// Second derivatives of the elongations, m/s².
-    stretches: [f64; MAX_STRUTS],
+    stretches: PerStrut<f64>,
     /// Multiplier λ of every row, N or N·m.
     pub multipliers: [f64; MAX_ROWS],
     pub reactions: Reactions,
-    pub socket_force: [Vector3<f64>; MAX_SOCKETS],
+    pub socket_force: PerSocket<Vector3<f64>>,
 }
 
 /// Right-hand side for one step.
@@ -430,7 +428,7 @@ impl Absolute<'_> {
             screw.push(&mut pushes[body], -d * rate_of(self.joints, &screw, body, sum));
             blocks[body].along(&screw, g * d);
         };
-        for axis in 0..AXES {
+        for axis in every_axis() {
             let (body, screw) = motion.drive(axis);
             restrain(body, screw, damped.drives[axis]);
         }
@@ -541,7 +539,7 @@ impl System for Absolute<'_> {
             k[elongations + s] = y[at] + ahead;
             k[at] = slope;
         }
-        for axis in 0..AXES {
+        for axis in every_axis() {
             let (body, screw) = motion.drive(axis);
             motion.qdd[axis] = screw.rate(&solution.bodies[body].0, &solution.bodies[body].1);
         }

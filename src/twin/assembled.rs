@@ -8,7 +8,7 @@ use super::context::Context;
 use super::integrator::{Stage, System};
 use crate::kinematics::Motion;
 use crate::machine::bodies::PLATFORM;
-use crate::machine::{ARMS, AXES, STRUTS};
+use crate::machine::{PerAxis, SixStruts, each, every_axis, six_struts, three_arms};
 
 /// Positions: three arms, rotor, platform position and quaternion, six rolls.
 const PSI: usize = 3;
@@ -19,7 +19,7 @@ const ROLL: usize = 11;
 const NU: usize = 17;
 const SPIN: usize = NU + OPEN;
 /// Length of positions and velocities.
-pub(super) const LENGTH: usize = SPIN + STRUTS;
+pub(super) const LENGTH: usize = SPIN + six_struts().end;
 /// Place of the velocities.
 pub(super) const RATES: std::ops::Range<usize> = NU..LENGTH;
 
@@ -28,7 +28,7 @@ pub(super) const RATES: std::ops::Range<usize> = NU..LENGTH;
 pub(super) struct FrameCache {
     frame: Option<Box<Frame>>,
     /// Time and torque for which frame and wrenches are valid; `None` after any change.
-    fresh: Option<(f64, [f64; AXES])>,
+    fresh: Option<(f64, PerAxis<f64>)>,
 }
 
 impl FrameCache {
@@ -45,7 +45,7 @@ pub(super) struct Assembled<'a> {
     pub cache: &'a mut FrameCache,
 }
 
-pub(super) fn pose(y: &[f64]) -> (Pose, OpenVector, [f64; STRUTS]) {
+pub(super) fn pose(y: &[f64]) -> (Pose, OpenVector, SixStruts<f64>) {
     (
         Pose {
             phi: [y[0], y[1], y[2]],
@@ -59,8 +59,8 @@ pub(super) fn pose(y: &[f64]) -> (Pose, OpenVector, [f64; STRUTS]) {
     )
 }
 
-pub(super) fn store(y: &mut [f64], pose: &Pose, nu: &OpenVector, spin: &[f64; STRUTS]) {
-    y[..ARMS].copy_from_slice(&pose.phi);
+pub(super) fn store(y: &mut [f64], pose: &Pose, nu: &OpenVector, spin: &SixStruts<f64>) {
+    y[three_arms()].copy_from_slice(&pose.phi);
     y[PSI] = pose.psi;
     y[POSITION..ORIENTATION].copy_from_slice(pose.position.as_slice());
     let q = &pose.orientation;
@@ -133,7 +133,7 @@ impl Assembled<'_> {
         let Context { forces, layout, torque, scratch, .. } = &*self.context;
         let (own, moved) = (&y[layout.own()], &sum[layout.own()]);
         let mut out = Implicit::default();
-        for a in 0..AXES {
+        for a in every_axis() {
             out.drives[a] = g * scratch.damping.drives[a];
             out.drive_torque[a] = -scratch.damping.drives[a] * sum[NU + a];
         }
@@ -141,7 +141,7 @@ impl Assembled<'_> {
             out.drives[arm] += inertia;
             out.drive_torque[arm] += torque;
         }
-        for s in 0..STRUTS {
+        for s in six_struts() {
             out.spins[s] = g * scratch.damping.spins[s];
             out.spin_moment[s] = -scratch.damping.spins[s] * sum[SPIN + s];
         }
@@ -157,7 +157,7 @@ impl Assembled<'_> {
             positions[PSI] = pose.psi;
             positions.fixed_rows_mut::<3>(4).copy_from(&pose.position);
             positions.fixed_rows_mut::<3>(7).copy_from(&rotation);
-            for s in 0..STRUTS {
+            for s in six_struts() {
                 let (k, d) = (springs[s].stiffness, springs[s].damping);
                 let along = |x: &OpenVector| frame.along(s, x);
                 out.tension[s] = g * d + g * g * k;
@@ -210,7 +210,7 @@ impl Assembled<'_> {
         if elastic {
             rate += solution.nu_rate * g;
         }
-        k[..ARMS].copy_from_slice(&rate.as_slice()[..ARMS]);
+        k[three_arms()].copy_from_slice(&rate.as_slice()[three_arms()]);
         k[PSI] = rate[3];
         k[POSITION..ORIENTATION].copy_from_slice(&rate.as_slice()[4..7]);
         let turning = Quaternion::new(0.0, rate[7], rate[8], rate[9]) * pose.orientation * 0.5;
@@ -219,10 +219,10 @@ impl Assembled<'_> {
         k[NU..SPIN].copy_from_slice(solution.nu_rate.as_slice());
         // An explicit method runs without loads on the spins; their stiff restraint is omitted, so that they stay at
         // rest.
-        let spin_rate = if g > 0.0 { solution.spin_rate } else { [0.0; STRUTS] };
+        let spin_rate = if g > 0.0 { solution.spin_rate } else { each(0.0) };
         k[SPIN..LENGTH].copy_from_slice(&spin_rate);
 
-        frame.motion.qdd.copy_from_slice(&solution.nu_rate.as_slice()[..AXES]);
+        frame.motion.qdd.copy_from_slice(&solution.nu_rate.as_slice()[every_axis()]);
         let struts = self.mechanism.spring_power(frame);
         self.context.rest_of_stage(stage, &frame.motion, struts, k);
         Ok(())

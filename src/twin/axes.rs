@@ -14,14 +14,13 @@ use super::integrator::{Stage, System};
 use super::wrench::STILL;
 use crate::dynamics::{ChannelMap, Plant, Twist, balance, ball_forces, rigid_wrenches};
 use crate::effects::ActiveEffect;
-use crate::kinematics::motion::MAX_SOCKETS;
 use crate::kinematics::{Closed, JointState, Motion};
-use crate::machine::AXES;
 use crate::machine::bodies::SLOTS;
+use crate::machine::{PerAxis, PerSocket, axes_from, each, every_axis, rate_place};
 use crate::recording::Channel;
 
 /// Place of the rates, after the angles.
-pub(super) const RATES: std::ops::Range<usize> = AXES..2 * AXES;
+pub(super) const RATES: std::ops::Range<usize> = axes_from(rate_place(0));
 /// Place of the plate's pose and the passive arms' angle, which follow from the drives: from the integrated ones the closure
 /// starts, and each step ends with the closed ones.
 const PLATE: std::ops::Range<usize> = RATES.end..RATES.end + Closed::LENGTH;
@@ -77,7 +76,7 @@ pub(super) struct Axes<'a> {
 /// # Errors
 /// [`SingularPose`] if the struts reach no common plate.
 pub(super) fn store(plant: &Plant, y: &mut [f64], motion: &Motion) -> Result<(), SingularPose> {
-    y[..AXES].copy_from_slice(&motion.q);
+    y[every_axis()].copy_from_slice(&motion.q);
     y[RATES].copy_from_slice(&motion.qd);
     close(plant, y, None)
 }
@@ -85,14 +84,18 @@ pub(super) fn store(plant: &Plant, y: &mut [f64], motion: &Motion) -> Result<(),
 /// Sets the plate's pose at the drives of a state, in the assembly of the pose `near`, if it leads there.
 fn close(plant: &Plant, y: &mut [f64], near: Option<&Closed>) -> Result<(), SingularPose> {
     if plant.assembled {
-        let plate = plant.geometry.closed(&y[..AXES], near).map_err(|_| SingularPose)?;
+        let plate = plant.geometry.closed(&y[every_axis()], near).map_err(|_| SingularPose)?;
         y[PLATE].copy_from_slice(&plate.coordinates());
     }
     Ok(())
 }
 
 fn joints(y: &[f64]) -> JointState {
-    JointState { q: std::array::from_fn(|i| y[i]), qd: std::array::from_fn(|i| y[AXES + i]), ..JointState::default() }
+    JointState {
+        q: std::array::from_fn(|i| y[i]),
+        qd: std::array::from_fn(|i| y[rate_place(i)]),
+        ..JointState::default()
+    }
 }
 
 impl Context {
@@ -107,7 +110,7 @@ impl Context {
 }
 
 /// Implicit terms of a Rosenbrock stage per axis: inertia (kg·m²) and torque (N·m).
-type Implicit = [(f64, f64); AXES];
+type Implicit = PerAxis<(f64, f64)>;
 
 /// Applied minus inertial wrenches, with the accelerations of `motion`.
 fn total(plant: &Plant, motion: &Motion, applied: &[Twist; SLOTS]) -> [Twist; SLOTS] {
@@ -132,13 +135,13 @@ impl Work {
         self.plate = plant.set_motion_near(&joints(y), Some(&near), &mut self.motion).map_err(|_| SingularPose)?;
         self.drives.set(geometry, &self.motion, plant.assembled).map_err(|_| SingularPose)?;
         self.mass = self.drives.mass(&plant.bodies, &self.motion);
-        (self.drives.channels.len()..AXES).for_each(|axis| self.mass[(axis, axis)] = 1.0);
+        (self.drives.channels.len()..every_axis().end).for_each(|axis| self.mass[(axis, axis)] = 1.0);
         self.rigid = rigid_wrenches(plant, &self.motion);
         Ok(())
     }
 
     /// The motion with these accelerations of the drives.
-    fn moving(&self, qdd: [f64; AXES]) -> Motion {
+    fn moving(&self, qdd: PerAxis<f64>) -> Motion {
         let mut moving = self.motion;
         moving.qdd = qdd;
         self.drives.accelerate(&mut moving, &qdd);
@@ -149,7 +152,7 @@ impl Work {
 impl Axes<'_> {
     /// Accelerations of the axes at the state of the last [`Work::place`], rad/s²; with `complete`, strut forces are computed even
     /// if no law depends on them.
-    fn solve(&mut self, t: f64, y: &[f64], implicit: &Implicit, complete: bool) -> Result<[f64; AXES], SingularPose> {
+    fn solve(&mut self, t: f64, y: &[f64], implicit: &Implicit, complete: bool) -> Result<PerAxis<f64>, SingularPose> {
         let Self { context, work } = self;
         let (work, torque) = (&**work, context.torque.at(t));
         let with_bodies = context.forces.read_accelerations();
@@ -165,7 +168,7 @@ impl Axes<'_> {
                 (0..axes).for_each(|c| load[c] -= work.drives.project(c, body, &force, &moment));
             }
             (0..axes).for_each(|axis| load[axis] += torque[axis] + implicit[axis].1);
-            let qdd: [f64; AXES] = mass.solve(&load).into();
+            let qdd: PerAxis<f64> = mass.solve(&load).into();
             if !qdd.iter().all(|x| x.is_finite()) {
                 return Err(SingularPose);
             }
@@ -185,7 +188,7 @@ impl Axes<'_> {
     }
 
     /// Motion of all bodies at a state, with accelerations, and the forces of the balls on the struts, N.
-    pub fn evaluate(&mut self, t: f64, y: &[f64]) -> Result<(Motion, [Vector3<f64>; MAX_SOCKETS]), SingularPose> {
+    pub fn evaluate(&mut self, t: f64, y: &[f64]) -> Result<(Motion, PerSocket<Vector3<f64>>), SingularPose> {
         self.work.place(&self.context.plant, y)?;
         self.context.prepare(t, y, &self.work.motion);
         let qdd = self.solve(t, y, &Implicit::default(), true)?;
@@ -194,16 +197,16 @@ impl Axes<'_> {
         let Context { plant, scratch, .. } = &*self.context;
         let sockets = match plant.assembled {
             true => ball_forces(&moving, &total(plant, &moving, self.context.loads()), &scratch.answer.reactions),
-            false => [Vector3::zeros(); MAX_SOCKETS],
+            false => each(Vector3::zeros()),
         };
         Ok((moving, sockets))
     }
 
     fn implicit(&mut self, t: f64, y: &[f64], sum: &[f64], g: f64) -> Implicit {
-        self.context.scratch.motors.sums = std::array::from_fn(|i| sum[AXES + i]);
+        self.context.scratch.motors.sums = std::array::from_fn(|i| sum[rate_place(i)]);
         let Context { forces, layout, torque, scratch, .. } = &*self.context;
         let damping = scratch.damping.drives;
-        let mut out: Implicit = std::array::from_fn(|a| (g * damping[a], -damping[a] * sum[AXES + a]));
+        let mut out: Implicit = std::array::from_fn(|a| (g * damping[a], -damping[a] * sum[rate_place(a)]));
         let (own, moved) = (&y[layout.own()], &sum[layout.own()]);
         for (arm, inertia, torque) in forces.gear_terms(&torque.at(t), &scratch.motors, own, moved, g) {
             out[arm].0 += inertia;
@@ -230,7 +233,7 @@ impl System for Axes<'_> {
         } else {
             Implicit::default()
         };
-        k[..AXES].copy_from_slice(&self.work.motion.qd);
+        k[every_axis()].copy_from_slice(&self.work.motion.qd);
         let qdd = self.solve(t, y, &implicit, false)?;
         k[RATES].copy_from_slice(&qdd);
         k[PLATE].copy_from_slice(&self.work.plate.coordinates());

@@ -6,8 +6,8 @@
 use nalgebra::Vector3;
 
 use crate::kinematics::{Arm, BodyMotion, Motion};
-use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, SLOTS, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{ARMS, Actuator, Geometry, Limb, STRUTS};
+use crate::machine::bodies::{self, END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{Actuator, Geometry, Limb, lower_socket, six_struts, three_arms};
 
 /// Number of constraint rows.
 pub const ROWS: usize = crate::recording::ROWS;
@@ -15,8 +15,8 @@ pub const ROWS: usize = crate::recording::ROWS;
 /// The ball socket to which a row belongs (0..6 at the elbows, 6..12 at the platform); `None` for another joint.
 pub fn socket(row: usize) -> Option<usize> {
     // After the bearings of three arms and the rotor, upper and lower socket of each strut with three rows each.
-    let k = row.checked_sub(20).filter(|k| *k < 6 * STRUTS)?;
-    Some(k / 6 + if k % 6 < 3 { 0 } else { STRUTS })
+    let k = row.checked_sub(20).filter(|k| *k < 6 * six_struts().len())?;
+    Some(k / 6 + if k % 6 < 3 { 0 } else { lower_socket(0) })
 }
 
 /// Violation (m or 1) and violation rate (m/s or 1/s) of every row.
@@ -26,8 +26,8 @@ pub fn socket(row: usize) -> Option<usize> {
 pub fn rows(geometry: &Geometry, motion: &Motion) -> [(f64, f64); ROWS] {
     let mut out = Rows { values: [(0.0, 0.0); ROWS], n: 0 };
     let b = &motion.bodies;
-    for i in 0..ARMS {
-        out.bearing(&geometry.limbs[i], &b[ARM + i]);
+    for i in three_arms() {
+        out.bearing(&geometry.limbs[i], &b[bodies::arm(i)]);
     }
     let telescope = geometry.has_telescope();
     if telescope {
@@ -38,11 +38,11 @@ pub fn rows(geometry: &Geometry, motion: &Motion) -> [(f64, f64); ROWS] {
     } else {
         out.n += 5;
     }
-    for s in 0..STRUTS {
-        let strut = &b[STRUT + s];
+    for s in six_struts() {
+        let strut = &b[bodies::strut(s)];
         let (on_arm, on_platform) = (geometry.elbow_ball(s), geometry.platform_ball(s));
         let along = Vector3::new(geometry.strut_length(s), 0.0, 0.0);
-        out.same_point(Moving::point(strut, Vector3::zeros()), Moving::point(&b[ARM + s / 2], on_arm));
+        out.same_point(Moving::point(strut, Vector3::zeros()), Moving::point(&b[bodies::arm(s / 2)], on_arm));
         out.same_point(Moving::point(strut, along), Moving::point(&b[PLATFORM], on_platform));
     }
     match telescope {

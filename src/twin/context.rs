@@ -14,7 +14,7 @@ use super::wrench::{Load, STILL, Twist};
 use crate::dynamics::Plant;
 use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
 use crate::machine::bodies::{END_EFFECTOR, PLATFORM, SLOTS, strut};
-use crate::machine::{AXES, MAX_STRUTS};
+use crate::machine::{PerAxis, axes_from, each, every_axis, every_strut, struts_from};
 use crate::numerics::{Anderson, worst};
 
 /// Change of the solution below which the iteration over laws that depend on it stops, N, rad/s² or m/s².
@@ -28,7 +28,7 @@ pub(super) struct Answer {
     /// Strut forces, N.
     pub reactions: Reactions,
     /// Accelerations of the drives, rad/s².
-    pub drives: [f64; AXES],
+    pub drives: PerAxis<f64>,
     /// Acceleration of the platform, m/s².
     pub platform: Vector3<f64>,
     /// Accelerations of all bodies, m/s² and rad/s²; zero unless a law depends on accelerations.
@@ -37,12 +37,7 @@ pub(super) struct Answer {
 
 impl Default for Answer {
     fn default() -> Self {
-        Self {
-            reactions: Reactions::default(),
-            drives: [0.0; AXES],
-            platform: Vector3::zeros(),
-            bodies: [STILL; SLOTS],
-        }
+        Self { reactions: Reactions::default(), drives: each(0.0), platform: Vector3::zeros(), bodies: [STILL; SLOTS] }
     }
 }
 
@@ -68,13 +63,12 @@ impl Answer {
 
     /// The answer with these numbers.
     fn of(numbers: &Numbers) -> Self {
-        let (forces, accelerations) = numbers.as_slice().split_at(2 * MAX_STRUTS);
-        let (drives, bodies) = accelerations.split_at(AXES);
-        let vector = |at: usize| Vector3::from_column_slice(&bodies[at..at + 3]);
+        let numbers = numbers.as_slice();
+        let vector = |at: usize| Vector3::from_column_slice(&numbers[BODIES + at..][..3]);
         let bodies: [Twist; SLOTS] = std::array::from_fn(|b| (vector(6 * b), vector(6 * b + 3)));
         Self {
-            reactions: Reactions::of(&forces[..MAX_STRUTS], &forces[MAX_STRUTS..]),
-            drives: std::array::from_fn(|axis| drives[axis]),
+            reactions: Reactions::of(&numbers[..LOWER], &numbers[LOWER..DRIVES]),
+            drives: std::array::from_fn(|axis| numbers[DRIVES + axis]),
             platform: bodies[PLATFORM].0,
             bodies,
         }
@@ -82,7 +76,11 @@ impl Answer {
 }
 
 /// The numbers of an [`Answer`].
-type Numbers = SVector<f64, { 2 * MAX_STRUTS + AXES + 6 * SLOTS }>;
+type Numbers = SVector<f64, { BODIES + 6 * SLOTS }>;
+/// First force on a lower ball, and first acceleration of drives and bodies, among the numbers.
+const LOWER: usize = every_strut().end;
+const DRIVES: usize = struts_from(LOWER).end;
+const BODIES: usize = axes_from(DRIVES).end;
 
 /// Buffers that are kept during a run.
 pub(super) struct Scratch {
@@ -107,7 +105,7 @@ pub(super) struct Scratch {
     pub resisted: bool,
     /// Loads on the rotors of elastic gears; those that do not depend on the solution are in `resting`.
     pub motors: Motors,
-    resting: [f64; AXES],
+    resting: PerAxis<f64>,
     /// The first law whose value was not finite.
     pub fault: Option<KinematicsError>,
     /// Power of each effect, W.
@@ -135,7 +133,7 @@ impl Scratch {
             resistances: Box::new([Resistance::NONE; SLOTS]),
             resisted: false,
             motors: Motors::default(),
-            resting: [0.0; AXES],
+            resting: each(0.0),
             fault: None,
             powers: vec![0.0; plant.effects.len()],
             restraint_power: 0.0,
@@ -178,7 +176,7 @@ impl Context {
         scratch.wrenches = if self.external.is_none() { [STILL; SLOTS] } else { self.external.at(t) };
         let (wrenches, powers) = (&mut scratch.wrenches, &mut scratch.powers);
         let reactions = &scratch.answer.reactions;
-        scratch.resting = [0.0; AXES];
+        scratch.resting = each(0.0);
         let at = Evaluation { plant: &self.plant, scene: &scene, motion, reactions };
         self.forces.add(&at, false, Sums { wrenches, motors: &mut scratch.resting, powers });
         scratch.fault = scratch.fault.take().or_else(|| self.forces.fault(&at, powers));
@@ -247,13 +245,13 @@ impl Context {
     }
 
     /// Rates and accelerations of the encoders, for a motion with accelerations.
-    pub fn of_encoders(&self, t: f64, y: &[f64], motion: &Motion) -> [[f64; AXES]; 2] {
+    pub fn of_encoders(&self, t: f64, y: &[f64], motion: &Motion) -> [PerAxis<f64>; 2] {
         let motors = self.forces.of_motors(&self.scene(t, y), motion, &self.scratch.motors.torque);
         // The motion behind the encoders, axis by axis: rate and acceleration are those of the encoder times a slope,
         // the acceleration with a term of the rate alone.
         let q = self.forces.encoders(&self.plant, &y[self.layout.own()], &motion.q);
-        let behind = |qd: [f64; AXES]| self.plant.behind_encoders(&JointState { q, qd, qdd: [0.0; AXES] });
-        let slope = behind([1.0; AXES]).qd;
+        let behind = |qd: PerAxis<f64>| self.plant.behind_encoders(&JointState { q, qd, qdd: each(0.0) });
+        let slope = behind(each(1.0)).qd;
         let rate = std::array::from_fn(|i| motors.qd[i] / slope[i]);
         let own = behind(rate).qdd;
         [rate, std::array::from_fn(|i| (motors.qdd[i] - own[i]) / slope[i])]
@@ -295,7 +293,7 @@ impl Context {
             }
         }
         let work = &mut k[self.layout.work()];
-        for a in 0..AXES {
+        for a in every_axis() {
             work[a] = scene.torque[a] * motion.qd[a];
         }
         work[WORK_RESTRAINTS] = scratch.restraint_power;

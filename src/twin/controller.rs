@@ -3,16 +3,16 @@
 use crate::dynamics::{Plant, steady_inverse_dynamics};
 use crate::kinematics::{JointState, KinematicsError};
 use crate::machine::bodies::ARM;
-use crate::machine::{AXES, Drive, Mechanism};
+use crate::machine::{Drive, Mechanism, PerAxis, TELESCOPE_AXIS, each, every_axis};
 use crate::model::Model;
 
 /// Gains of the position loop.
 #[derive(Clone, Copy, Debug)]
 pub struct Gains {
     /// Proportional gain per axis, N·m/rad.
-    pub proportional: [f64; AXES],
+    pub proportional: PerAxis<f64>,
     /// Derivative gain per axis, N·m·s/rad.
-    pub derivative: [f64; AXES],
+    pub derivative: PerAxis<f64>,
     /// Cut-off frequency of the low-pass on the differentiated error, Hz.
     pub cutoff: f64,
 }
@@ -30,8 +30,8 @@ impl Gains {
         let gains = Self::default();
         match model.mechanism {
             // A fourth arm is an arm; the fourth gains are the telescope's.
-            Mechanism::Delta { .. } if model.mechanism.arms() == AXES => {
-                Self { proportional: [gains.proportional[0]; AXES], derivative: [gains.derivative[0]; AXES], ..gains }
+            Mechanism::Delta { .. } if model.mechanism.arms() > TELESCOPE_AXIS => {
+                Self { proportional: each(gains.proportional[0]), derivative: each(gains.derivative[0]), ..gains }
             }
             Mechanism::Delta { .. } => gains,
             Mechanism::Axis(_) => {
@@ -53,32 +53,32 @@ const ARM_INERTIA: f64 = 0.258;
 #[derive(Clone, Copy, Debug)]
 pub struct Command {
     /// Torque at the gear output, within the drive limits, N·m.
-    pub torque: [f64; AXES],
+    pub torque: PerAxis<f64>,
     /// Feedback part of the torque before limitation, N·m.
-    pub feedback: [f64; AXES],
+    pub feedback: PerAxis<f64>,
 }
 
 /// Feed-forward plus PD control at the sample time, with torque limits.
 pub struct Controller<'a> {
     plant: &'a Plant,
-    drives: [Drive; AXES],
+    drives: PerAxis<Drive>,
     gains: Gains,
     step: f64,
-    last_error: Option<[f64; AXES]>,
-    filtered: [f64; AXES],
+    last_error: Option<PerAxis<f64>>,
+    filtered: PerAxis<f64>,
 }
 
 impl<'a> Controller<'a> {
     /// Controller with the feed-forward model `plant`, called every `step` seconds.
-    pub fn new(plant: &'a Plant, drives: [Drive; AXES], gains: Gains, step: f64) -> Self {
-        Self { plant, drives, gains, step, last_error: None, filtered: [0.0; AXES] }
+    pub fn new(plant: &'a Plant, drives: PerAxis<Drive>, gains: Gains, step: f64) -> Self {
+        Self { plant, drives, gains, step, last_error: None, filtered: each(0.0) }
     }
 
     /// Feed-forward torques for a desired motion, N·m at the gear output.
     ///
     /// # Errors
     /// Those of [`Plant::motion`] and [`steady_inverse_dynamics`].
-    pub fn feed_forward(&self, desired: &JointState) -> Result<[f64; AXES], KinematicsError> {
+    pub fn feed_forward(&self, desired: &JointState) -> Result<PerAxis<f64>, KinematicsError> {
         let motion = self.plant.motion(desired)?;
         Ok(steady_inverse_dynamics(self.plant, 0.0, &motion, false)?.tau)
     }
@@ -93,15 +93,15 @@ impl<'a> Controller<'a> {
     pub fn update(
         &mut self,
         desired_now: &JointState,
-        encoders: &[f64; AXES],
+        encoders: &PerAxis<f64>,
         ahead: &JointState,
     ) -> Result<Command, KinematicsError> {
         let mut torque = self.feed_forward(ahead)?;
-        let mut feedback = [0.0; AXES];
-        let error: [f64; AXES] = std::array::from_fn(|i| desired_now.q[i] - encoders[i]);
+        let mut feedback: PerAxis<f64> = each(0.0);
+        let error: PerAxis<f64> = std::array::from_fn(|i| desired_now.q[i] - encoders[i]);
         let last = self.last_error.unwrap_or(error);
         let blend = 1.0 - (-std::f64::consts::TAU * self.gains.cutoff * self.step).exp();
-        for i in 0..AXES {
+        for i in every_axis() {
             self.filtered[i] += blend * ((error[i] - last[i]) / self.step - self.filtered[i]);
             feedback[i] = self.gains.proportional[i] * error[i] + self.gains.derivative[i] * self.filtered[i];
             let limit = self.drives[i].max_torque;

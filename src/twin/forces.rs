@@ -7,7 +7,7 @@ use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, GearSpring, Instant, Kind, Part, Wrenches};
 use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, Screw, SocketSet};
 use crate::machine::bodies::{SLOTS, strut};
-use crate::machine::{AXES, MAX_STRUTS};
+use crate::machine::{PerAxis, PerStrut, each, every_axis, every_strut, rate_place};
 use crate::numerics::tanh;
 
 /// Arguments of a force law besides plant, motion and reactions.
@@ -16,7 +16,7 @@ pub(super) struct Scene<'a> {
     pub t: f64,
     /// Internal states of all effects.
     pub own: &'a [f64],
-    pub torque: [f64; AXES],
+    pub torque: PerAxis<f64>,
     pub closed: SocketSet,
 }
 
@@ -34,7 +34,7 @@ pub(super) struct Sums<'a> {
     /// Wrenches on the bodies, N and N·m.
     pub wrenches: &'a mut [Twist; SLOTS],
     /// Torques on the rotors of elastic gears, N·m.
-    pub motors: &'a mut [f64; AXES],
+    pub motors: &'a mut PerAxis<f64>,
     /// Power of each effect on the bodies, W.
     pub powers: &'a mut [f64],
 }
@@ -51,7 +51,7 @@ pub(super) struct Forces {
     /// Effects that damp the rotors of elastic gears.
     motor_damps: Vec<usize>,
     /// Elastic gears, and the position of their deflections among the internal states; the rates follow.
-    gears: Option<(usize, [GearSpring; AXES])>,
+    gears: Option<(usize, PerAxis<GearSpring>)>,
     /// Whether each effect acts on the rotors of elastic gears instead of the arms.
     at_motors: Vec<bool>,
     /// Torque of the brakes on all drives, N·m.
@@ -97,7 +97,7 @@ impl Forces {
         self.starts[self.starts.len() - 1]
     }
 
-    fn elastic_gears(&self, plant: &Plant) -> Option<(usize, [GearSpring; AXES])> {
+    fn elastic_gears(&self, plant: &Plant) -> Option<(usize, PerAxis<GearSpring>)> {
         plant.effects.iter().zip(&self.starts).find_map(|(active, &start)| {
             let gears = active.gear_springs()?;
             gears.iter().any(GearSpring::is_elastic).then_some((start, gears))
@@ -115,13 +115,13 @@ impl Forces {
     fn elastic<'a>(&'a self, own: &'a [f64]) -> impl Iterator<Item = (usize, &'a GearSpring, f64, f64)> + 'a {
         self.gears.iter().flat_map(move |(start, gears)| {
             let all = gears.iter().enumerate().filter(|(_, gear)| gear.is_elastic());
-            all.map(move |(i, gear)| (i, gear, own[start + i], own[start + AXES + i]))
+            all.map(move |(i, gear)| (i, gear, own[start + i], own[start + rate_place(i)]))
         })
     }
 
     /// The motion on the motor side: angles and rates of the motors, and their accelerations under the drive torques
     /// and `motors`, the other loads F on the rotors (N·m): J·q̈_m = τ + F − δ/c − d·δ̇.
-    pub fn of_motors(&self, scene: &Scene, motion: &Motion, motors: &[f64; AXES]) -> Motion {
+    pub fn of_motors(&self, scene: &Scene, motion: &Motion, motors: &PerAxis<f64>) -> Motion {
         let mut out = *motion;
         for (i, gear, deflection, rate) in self.elastic(scene.own) {
             out.q[i] += deflection;
@@ -146,7 +146,7 @@ impl Forces {
     /// rotor's equation. Laws on the rotors that depend on accelerations or reactions enter F with their last values.
     pub fn gear_terms<'a>(
         &'a self,
-        torque: &'a [f64; AXES],
+        torque: &'a PerAxis<f64>,
         motors: &'a Motors,
         own: &'a [f64],
         sum: &'a [f64],
@@ -158,7 +158,7 @@ impl Forces {
                 let (now, ahead, kappa) = gear_torques(gear, &own[start + i..], &sum[start + i..], g);
                 let inertia = gear.rotor_inertia + g * motors.damping[i];
                 let share = kappa / (inertia + kappa);
-                let resisted = motors.damping[i] * (motors.sums[i] + sum[start + AXES + i]);
+                let resisted = motors.damping[i] * (motors.sums[i] + sum[start + rate_place(i)]);
                 let driving = torque[i] + motors.torque[i] - resisted;
                 (i, inertia * share, ahead - now + share * (driving - ahead))
             })
@@ -171,14 +171,14 @@ impl Forces {
     pub fn gear_rates(
         &self,
         motors: &Motors,
-        drives: &[f64; AXES],
+        drives: &PerAxis<f64>,
         (own, sum): (&[f64], &[f64]),
         g: f64,
         k: &mut [f64],
     ) {
         let Some((start, gears)) = &self.gears else { return };
         for (i, gear) in gears.iter().enumerate().filter(|(i, gear)| is_steep(gear, motors.damping[*i], g)) {
-            let (deflection, rate) = (start + i, start + AXES + i);
+            let (deflection, rate) = (start + i, start + rate_place(i));
             let (now, ahead, kappa) = gear_torques(gear, &own[deflection..], &sum[deflection..], g);
             let (j, d) = (gear.rotor_inertia, motors.damping[i]);
             let resisted = d * (motors.sums[i] + sum[rate] + g * drives[i]);
@@ -269,7 +269,7 @@ impl Forces {
 
     /// Writes rates and slopes of all internal states; `motion` holds the accelerations, `motors` the loads on the
     /// rotors of elastic gears, N·m.
-    pub fn state_rates(&self, at: &Evaluation, motors: &[f64; AXES], rates: &mut [f64], slopes: &mut [f64]) {
+    pub fn state_rates(&self, at: &Evaluation, motors: &PerAxis<f64>, rates: &mut [f64], slopes: &mut [f64]) {
         let Evaluation { plant, scene, motion, .. } = *at;
         let moved = self.at_motors.contains(&true).then(|| self.of_motors(scene, motion, motors));
         for (k, active) in plant.effects.iter().enumerate() {
@@ -287,7 +287,7 @@ impl Forces {
     }
 
     /// Encoder angles (motor side) for joint angles `q`, rad.
-    pub fn encoders(&self, plant: &Plant, own: &[f64], q: &[f64; AXES]) -> [f64; AXES] {
+    pub fn encoders(&self, plant: &Plant, own: &[f64], q: &PerAxis<f64>) -> PerAxis<f64> {
         let mut angles = *q;
         for (k, active) in plant.effects.iter().enumerate() {
             active.encoder(&own[self.starts[k]..self.starts[k + 1]], &mut angles);
@@ -309,19 +309,19 @@ fn is_steep(gear: &GearSpring, friction: f64, g: f64) -> bool {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Motors {
     /// Torque, N·m.
-    pub torque: [f64; AXES],
+    pub torque: PerAxis<f64>,
     /// Damping, N·m·s/rad, as measured for the present step.
-    pub damping: [f64; AXES],
+    pub damping: PerAxis<f64>,
     /// The stage's sums of the arms' rates, rad/s.
-    pub sums: [f64; AXES],
+    pub sums: PerAxis<f64>,
 }
 
 /// Torque of a gear now and one step ahead without the rotor's own change of rate, and κ of that change; the slices of
 /// states and sums start at the arm's deflection.
 fn gear_torques(gear: &GearSpring, own: &[f64], sum: &[f64], g: f64) -> (f64, f64, f64) {
     let torque = |deflection: f64, rate: f64| deflection / gear.compliance + gear.damping * rate;
-    let now = torque(own[0], own[AXES]);
-    let ahead = now + torque(sum[0] + g * (own[AXES] + sum[AXES]), sum[AXES]);
+    let now = torque(own[0], own[rate_place(0)]);
+    let ahead = now + torque(sum[0] + g * (own[rate_place(0)] + sum[rate_place(0)]), sum[rate_place(0)]);
     (now, ahead, g * (g / gear.compliance + gear.damping))
 }
 
@@ -329,11 +329,11 @@ fn gear_torques(gear: &GearSpring, own: &[f64], sum: &[f64], g: f64) -> (f64, f6
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Damping {
     /// Arms and rotor.
-    pub drives: [f64; AXES],
+    pub drives: PerAxis<f64>,
     /// Rotors of elastic gears.
-    pub motors: [f64; AXES],
+    pub motors: PerAxis<f64>,
     /// Struts about their own axes, including the restraint.
-    pub spins: [f64; MAX_STRUTS],
+    pub spins: PerStrut<f64>,
     /// Remaining steps for which the damping of the spins is kept.
     keep: usize,
 }
@@ -364,8 +364,10 @@ impl Forces {
         freedom: Freedom,
         effects: &[usize],
     ) -> [[Twist; SLOTS]; 2] {
-        let (qd, bodies) =
-            (motion.qd, std::array::from_fn::<_, MAX_STRUTS, _>(|s| motion.bodies[strut(s)].angular_velocity));
+        let (qd, bodies) = (
+            motion.qd,
+            std::array::from_fn::<_, { every_strut().end }, _>(|s| motion.bodies[strut(s)].angular_velocity),
+        );
         [0.0, RATE].map(|rate| {
             match freedom {
                 Freedom::Drives => motion.qd.iter_mut().for_each(|x| *x += rate),
@@ -376,7 +378,7 @@ impl Forces {
                 }
             }
             let mut out = [STILL; SLOTS];
-            let moved = self.at_motors.contains(&true).then(|| self.of_motors(scene, motion, &[0.0; AXES]));
+            let moved = self.at_motors.contains(&true).then(|| self.of_motors(scene, motion, &each(0.0)));
             for &e in effects {
                 let motion = moved.as_ref().filter(|_| self.at_motors[e]).unwrap_or(motion);
                 let instant = self.instant(e, &Evaluation { plant, scene, motion, reactions });
@@ -397,13 +399,14 @@ impl Forces {
         let mut motion = Motion::disassembled(&plant.geometry, &JointState::default());
         motion.strut_axis.fill(Vector3::z());
         motion.telescope.length = 1.0;
-        motion.qd = [0.01; AXES];
+        motion.qd = each(0.01);
         for s in 0..motion.struts() {
             motion.bodies[strut(s)].angular_velocity = Vector3::new(0.3, 0.2, 0.1);
         }
         let own: Vec<f64> = plant.effects.iter().flat_map(|a| a.initial_state()).collect();
-        let reactions = Reactions::of(&[100.0; MAX_STRUTS], &[100.0; MAX_STRUTS]);
-        let scene = Scene { t: 0.0, own: &own, torque: [1.0; AXES], closed: plant.sockets() };
+        let pull: PerStrut<f64> = each(100.0);
+        let reactions = Reactions::of(&pull, &pull);
+        let scene = Scene { t: 0.0, own: &own, torque: each(1.0), closed: plant.sockets() };
         [Freedom::Drives, Freedom::Spins].map(|freedom| {
             (0..plant.effects.len())
                 .filter(|&k| {
@@ -427,13 +430,13 @@ impl Forces {
         let slope = |[base, moved]: &[[Twist; SLOTS]; 2], body: usize, screw: &Screw| {
             ((screw.effort(&base[body]) - screw.effort(&moved[body])) / RATE).max(0.0)
         };
-        (damping.drives, damping.motors) = ([0.0; AXES], [0.0; AXES]);
+        (damping.drives, damping.motors) = (each(0.0), each(0.0));
         for (effects, on_rotors) in [(&self.damps[Freedom::Drives as usize], false), (&self.motor_damps, true)] {
             if effects.is_empty() {
                 continue;
             }
             let probe = self.probe((plant, scene, reactions), motion, Freedom::Drives, effects);
-            for a in 0..AXES {
+            for a in every_axis() {
                 let (body, screw) = motion.drive(a);
                 let slope = slope(&probe, body, &screw);
                 match damping.motors.get_mut(a) {

@@ -19,10 +19,9 @@ use super::torque::Torque;
 use super::wrench::{Load, STILL, Twist};
 use super::{SingularPose, energy};
 use crate::dynamics::Plant;
-use crate::kinematics::motion::MAX_SOCKETS;
 use crate::kinematics::{BodyMotion, KinematicsError, Motion, Reactions, SocketSet};
 use crate::machine::bodies::{END_EFFECTOR, SLOTS};
-use crate::machine::{AXES, Inertia};
+use crate::machine::{Inertia, PerAxis, PerSocket, axes_from, every_axis};
 use crate::scenario::Formulation;
 
 /// Solution of the equations of motion at one instant.
@@ -31,13 +30,13 @@ pub struct Snapshot {
     /// Motion of all bodies with accelerations; the link side of elastic gears.
     pub motion: Motion,
     /// Rates of the axes on the motor side, rad/s.
-    pub encoder_rate: [f64; AXES],
+    pub encoder_rate: PerAxis<f64>,
     /// Accelerations of the axes on the motor side, rad/s².
-    pub encoder_acceleration: [f64; AXES],
+    pub encoder_acceleration: PerAxis<f64>,
     /// Axial strut forces, N.
     pub reactions: Reactions,
     /// Force on each strut at its sockets (six upper, six lower), N, inertial axes.
-    pub sockets: [Vector3<f64>; MAX_SOCKETS],
+    pub sockets: PerSocket<Vector3<f64>>,
     /// Applied wrenches on all bodies, including the drive torques.
     wrenches: [Twist; SLOTS],
     /// Multiplier λ of every row; `None` in the eliminated formulation.
@@ -153,11 +152,11 @@ impl Twin {
     }
 
     /// Sets the initial deflections of elastic gears, rad; they are zero otherwise.
-    pub fn deflect_gears(&mut self, deflection: &[f64; AXES]) {
+    pub fn deflect_gears(&mut self, deflection: &PerAxis<f64>) {
         let mut at = self.context.layout.own().start;
         for active in &self.context.plant.effects {
             if active.gear_springs().is_some() {
-                self.y[at..at + AXES].copy_from_slice(deflection);
+                self.y[axes_from(at)].copy_from_slice(deflection);
             }
             at += active.states();
         }
@@ -365,7 +364,7 @@ impl Twin {
         for &b in solver.bodies() {
             (moved.bodies[b].velocity, moved.bodies[b].angular_velocity) = after.bodies[b];
         }
-        for axis in 0..AXES {
+        for axis in every_axis() {
             let (body, screw) = moved.drive(axis);
             moved.qd[axis] = screw.rate_of(&moved.bodies[body]);
         }
@@ -471,7 +470,7 @@ impl Twin {
     }
 
     /// Encoder angles (motor side), rad.
-    pub fn encoders(&self) -> [f64; AXES] {
+    pub fn encoders(&self) -> PerAxis<f64> {
         let q = match &self.form {
             Form::Assembled(..) | Form::Axes(_) => [self.y[0], self.y[1], self.y[2], self.y[3]],
             Form::Absolute(joints) => joints.coordinates(&self.y),

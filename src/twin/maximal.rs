@@ -39,10 +39,9 @@ use self::workspace::Workspace;
 use super::SingularPose;
 use super::state::{BodyState, rotation};
 use crate::dynamics::Plant;
-use crate::kinematics::motion::MAX_SOCKETS;
 use crate::kinematics::{BodyMotion, Reactions, SocketSet};
 use crate::machine::bodies::{BodyKind, SLOTS, body_kind, strut};
-use crate::machine::{Bodies, Inertia, MAX_STRUTS};
+use crate::machine::{Bodies, Inertia, PerSocket, PerStrut, each};
 use crate::numerics::worst;
 
 /// Two vectors (inertial axes) at a body's origin: velocity and angular velocity, their derivatives, or force and
@@ -58,13 +57,13 @@ pub struct Solution {
     /// N·m; zero at open sockets. Joint forces are −Gᵀ·λ.
     pub multipliers: [f64; MAX_ROWS],
     /// ë of elastic struts, m/s², or the corresponding changes in a projection; zero for rigid ones.
-    pub(super) stretches: [f64; MAX_STRUTS],
+    pub(super) stretches: PerStrut<f64>,
 }
 
 impl Solution {
     const NONE: Self = {
         const NOTHING: Pair = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0.));
-        Self { bodies: [NOTHING; SLOTS], multipliers: [0.0; MAX_ROWS], stretches: [0.0; MAX_STRUTS] }
+        Self { bodies: [NOTHING; SLOTS], multipliers: [0.0; MAX_ROWS], stretches: each(0.0) }
     };
 }
 
@@ -135,7 +134,7 @@ impl MaximalCoordinates {
             let (force, moment) = velocity_products(&inertia(plant, b, stretches), &bodies[b], &gravity);
             six(&(wrenches[b].0 - force, wrenches[b].1 - moment))
         });
-        let mut demand = [0.0; MAX_STRUTS];
+        let mut demand: PerStrut<f64> = each(0.0);
         for (s, stretch) in stretches.into_iter().flatten().enumerate() {
             let b = &bodies[strut(s)];
             add(&mut loads[strut(s)], -1.0, &six(&stretch.coriolis(b)));
@@ -167,7 +166,7 @@ impl MaximalCoordinates {
             let (p, l) = momentum(&before[b], &bodies[b]);
             six(&(impulses[b].0 + p, impulses[b].1 + l))
         });
-        self.0.equations(&loads, &[0.0; MAX_ROWS], &[0.0; MAX_STRUTS])
+        self.0.equations(&loads, &[0.0; MAX_ROWS], &each(0.0))
     }
 
     /// Projects poses and velocities onto the rows of all joints: poses to 1e-13 m (or 1), velocities to rounding; returns the
@@ -202,7 +201,7 @@ impl MaximalCoordinates {
             work.prepare(plant, &motion, closed, None, now)?;
             if work.rows.values.iter().all(|c| c.abs() < CLOSED) {
                 let mut loads = std::array::from_fn(|b| six(&momentum(&inertia(plant, b, now), &motion[b])));
-                let mut demand = [0.0; MAX_STRUTS];
+                let mut demand: PerStrut<f64> = each(0.0);
                 for (s, stretch) in now.into_iter().flatten().enumerate() {
                     let b = &motion[strut(s)];
                     add(&mut loads[strut(s)], 1.0, &six(&(stretch.carried(b), Vector3::zeros())));
@@ -220,7 +219,7 @@ impl MaximalCoordinates {
                 return Ok(corrections);
             }
             let back = work.rows.values.map(|c| -c);
-            let solution = work.equations(&[[0.0; 6]; SLOTS], &back, &[0.0; MAX_STRUTS])?.clone();
+            let solution = work.equations(&[[0.0; 6]; SLOTS], &back, &each(0.0))?.clone();
             for &b in &work.structure.bodies {
                 let (body, (shift, turn)) = (&mut bodies[b], &solution.bodies[b]);
                 body.position += shift;
@@ -240,9 +239,9 @@ impl MaximalCoordinates {
     }
 
     /// Force on the strut at each socket from the last solution, N, inertial axes; zero where open.
-    pub fn socket_forces(&self) -> [Vector3<f64>; MAX_SOCKETS] {
+    pub fn socket_forces(&self) -> PerSocket<Vector3<f64>> {
         let Workspace { structure, solution, .. } = &*self.0;
-        let mut out = [Vector3::zeros(); MAX_SOCKETS];
+        let mut out: PerSocket<Vector3<f64>> = each(Vector3::zeros());
         for (k, force) in out.iter_mut().enumerate().take(2 * structure.struts) {
             *force = -Vector3::from_fn(|i, _| solution.multipliers[structure.socket[k] + i]);
         }

@@ -5,9 +5,8 @@ use nalgebra::Vector3;
 use super::wrench::Twist;
 use crate::dynamics::{Plant, inertial_wrench};
 use crate::kinematics::Motion;
-use crate::kinematics::motion::MAX_SOCKETS;
-use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{ARMS, STRUTS};
+use crate::machine::bodies::{self, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{PerSocket, ThreeArms, lower_socket, six_struts};
 
 /// Reactions of all joints: 74 independent numbers.
 ///
@@ -16,9 +15,9 @@ use crate::machine::{ARMS, STRUTS};
 #[derive(Clone, Copy, Debug)]
 pub struct JointReactions {
     /// Twelve ball sockets (six upper, six lower), ball on strut: 36.
-    pub sockets: [Vector3<f64>; MAX_SOCKETS],
+    pub sockets: PerSocket<Vector3<f64>>,
     /// Bearings of the arms, frame on arm, at the shaft, without the drive torque: 3 · 5.
-    pub arms: [Twist; ARMS],
+    pub arms: ThreeArms<Twist>,
     /// Bearing of the rotor, frame on rotor, at the upper Hooke joint, without the drive torque: 5.
     pub rotor: Twist,
     /// Upper Hooke joint, rotor on telescope: 4.
@@ -34,7 +33,7 @@ pub struct JointReactions {
 impl JointReactions {
     /// Reactions from the accelerations in `motion`, the applied `wrenches` (effects, drives and contacts, about the
     /// bodies' origins, inertial axes) and the socket forces (N).
-    pub fn new(plant: &Plant, motion: &Motion, wrenches: &[Twist], sockets: &[Vector3<f64>; MAX_SOCKETS]) -> Self {
+    pub fn new(plant: &Plant, motion: &Motion, wrenches: &[Twist], sockets: &PerSocket<Vector3<f64>>) -> Self {
         let gravity = plant.gravity_vector();
         let demand = |b: usize| -> Twist {
             let (force, moment) = inertial_wrench(&plant.bodies[b], &motion.bodies[b], &gravity);
@@ -42,9 +41,9 @@ impl JointReactions {
         };
         let at = |b: usize| motion.bodies[b].position;
         let arms = std::array::from_fn(|i| {
-            let (mut force, mut moment) = demand(ARM + i);
+            let (mut force, mut moment) = demand(bodies::arm(i));
             for s in [2 * i, 2 * i + 1] {
-                let lever = motion.bodies[crate::machine::bodies::STRUT + s].position - at(ARM + i);
+                let lever = motion.bodies[bodies::strut(s)].position - at(bodies::arm(i));
                 force += sockets[s];
                 moment += lever.cross(&sockets[s]);
             }
@@ -52,11 +51,11 @@ impl JointReactions {
         });
         // The platform bears its struts and the end effector, the end effector is held by platform and telescope.
         let (mut force, mut moment) = demand(PLATFORM);
-        for s in 0..STRUTS {
-            let strut = &motion.bodies[crate::machine::bodies::STRUT + s];
+        for s in six_struts() {
+            let strut = &motion.bodies[bodies::strut(s)];
             let lever = strut.position + motion.strut_axis[s] * motion.strut_length[s] - at(PLATFORM);
-            force += sockets[STRUTS + s];
-            moment += lever.cross(&sockets[STRUTS + s]);
+            force += sockets[lower_socket(s)];
+            moment += lever.cross(&sockets[lower_socket(s)]);
         }
         let lever = at(END_EFFECTOR) - at(PLATFORM);
         let end_effector = (-force, -(moment - lever.cross(&force)));

@@ -6,10 +6,9 @@ use thiserror::Error;
 use super::contacts::{ContactBody, ContactWork, Touch};
 use super::trace::{Dislocation, Impact, Sample, TripCause};
 use crate::cell::CellError;
-use crate::kinematics::motion::MAX_SOCKETS;
 use crate::kinematics::{KinematicsError, Reactions, SocketSet};
 use crate::machine::bodies::{END_EFFECTOR, SLOTS};
-use crate::machine::{AXES, MAX_STRUTS};
+use crate::machine::{PerAxis, PerSocket, PerStrut, each};
 
 /// Poses and forces at one time.
 #[derive(Clone, Debug)]
@@ -17,9 +16,9 @@ pub struct Frame {
     /// Time, s.
     pub t: f64,
     /// Joint positions, rad (m on a prismatic axis).
-    pub q: [f64; AXES],
+    pub q: PerAxis<f64>,
     /// Torques at the gear outputs, N·m.
-    pub tau: [f64; AXES],
+    pub tau: PerAxis<f64>,
     /// Poses of the body frames in the inertial frame.
     pub bodies: [Isometry3<f64>; SLOTS],
     /// Poses of the objects, in the order of [`super::Options::objects`].
@@ -27,9 +26,9 @@ pub struct Frame {
     /// Closed sockets.
     pub closed: SocketSet,
     /// Axial forces at the elbow ends and at the platform ends of the struts, tension positive, N.
-    pub strut_force: [[f64; MAX_STRUTS]; 2],
+    pub strut_force: [PerStrut<f64>; 2],
     /// Remaining force margin of each socket, N; zero once open.
-    pub socket_margin: [f64; MAX_SOCKETS],
+    pub socket_margin: PerSocket<f64>,
     /// Contacts of the robot since the previous frame: of every pair the strongest.
     pub contacts: Vec<Touch>,
 }
@@ -105,9 +104,9 @@ pub struct Report {
     /// Largest absolute axial strut force at any sample or dislocation, N.
     pub peak_strut_force: f64,
     /// Smallest margin of every socket while closed, N; infinite where there is none.
-    pub min_margin: [f64; MAX_SOCKETS],
+    pub min_margin: PerSocket<f64>,
     /// Largest difference between desired and actual joint angle before the drives trip, rad.
-    pub tracking_error: [f64; AXES],
+    pub tracking_error: PerAxis<f64>,
     /// Events in order of time.
     pub events: Vec<Event>,
     /// Sockets that left their balls, in order.
@@ -142,8 +141,8 @@ impl Default for Report {
             max_loop_rate: 0.0,
             energy_error: 0.0,
             peak_strut_force: 0.0,
-            min_margin: [f64::INFINITY; MAX_SOCKETS],
-            tracking_error: [0.0; AXES],
+            min_margin: each(f64::INFINITY),
+            tracking_error: each(0.0),
             events: Vec::new(),
             dislocations: Vec::new(),
             trip: None,
@@ -186,7 +185,7 @@ pub const LARGEST_ENERGY_ERROR: f64 = 1e-3;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     /// Joint angles, rad (m on a prismatic axis); zero for axes that do not exist.
-    pub q: [f64; AXES],
+    pub q: PerAxis<f64>,
     /// Position of the centre of the platform's ball plane, m, if there is a platform.
     pub platform: Option<[f64; 3]>,
 }

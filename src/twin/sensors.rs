@@ -7,8 +7,7 @@ use rand_distr::{Distribution, Normal};
 use super::Snapshot;
 use super::constraints::ROWS;
 use super::controller::quantised;
-use crate::kinematics::motion::MAX_SOCKETS;
-use crate::machine::{AXES, Setup};
+use crate::machine::{PerAxis, PerSocket, Setup};
 use crate::model::Model;
 use crate::recording::{Channel, FAMILIES, Signals};
 use crate::scenario;
@@ -16,13 +15,13 @@ use crate::scenario;
 /// What is measured at one instant.
 pub(super) struct Reading<'a> {
     /// Encoder readings, rad.
-    pub q: [f64; AXES],
+    pub q: PerAxis<f64>,
     /// Drive torques, N·m.
-    pub tau: [f64; AXES],
+    pub tau: PerAxis<f64>,
     /// State of the machine.
     pub snapshot: &'a Snapshot,
     /// Remaining force margins of the sockets, N.
-    pub margins: &'a [f64; MAX_SOCKETS],
+    pub margins: &'a PerSocket<f64>,
     /// Load of a single axis, N·m or N.
     pub load: f64,
     /// Multipliers of the constraint rows, if they are recorded.
@@ -35,7 +34,7 @@ pub(super) struct Sensors<'a> {
     fitted: scenario::Sensors,
     /// Whether there is a platform to be measured.
     assembled: bool,
-    torque_noise: [f64; AXES],
+    torque_noise: PerAxis<f64>,
     /// Generators of the noise of torques and of strut forces, independent, so that a run may be reported in pieces.
     noise: Option<[ChaCha8Rng; 2]>,
 }
@@ -59,7 +58,7 @@ impl<'a> Sensors<'a> {
     }
 
     /// Encoder readings for angles `q`, rad.
-    pub fn angles(&self, q: &[f64; AXES]) -> [f64; AXES] {
+    pub fn angles(&self, q: &PerAxis<f64>) -> PerAxis<f64> {
         if self.noise.is_none() {
             return *q;
         }

@@ -20,10 +20,11 @@ use super::{
     constraints, energy,
 };
 use crate::dynamics::Plant;
-use crate::kinematics::motion::MAX_SOCKETS;
 use crate::kinematics::{JointState, Motion, Target};
 use crate::machine::bodies::{END_EFFECTOR, PLATFORM, SLOTS};
-use crate::machine::{AXES, Configuration, Inertia, Mechanism, STRUTS, Setup, Unit};
+use crate::machine::{
+    Configuration, Inertia, Mechanism, PerAxis, PerSocket, Setup, Unit, each, every_axis, six_struts,
+};
 use crate::model::Model;
 use crate::numerics::worst;
 use crate::recording::{Recording, Signals};
@@ -276,7 +277,7 @@ impl<'a> Run<'a> {
         SimulationError::Singular { t, pose: pose(&motion, self.twin.plant().assembled), cause }
     }
 
-    fn watch(&mut self, snapshot: &Snapshot, margins: &[f64; MAX_SOCKETS]) {
+    fn watch(&mut self, snapshot: &Snapshot, margins: &PerSocket<f64>) {
         let closed = self.twin.closed();
         let plant = self.twin.plant();
         // The length of an elastic strut is not a constraint.
@@ -284,14 +285,15 @@ impl<'a> Run<'a> {
         let report = &mut self.report;
         let joints = plant.is_closed_delta().then(|| constraints::rows(&plant.geometry, &snapshot.motion));
         for (row, (gap, rate)) in joints.into_iter().flatten().enumerate() {
-            let holds = constraints::socket(row).is_none_or(|s| closed.contains(s) && (rigid || s < STRUTS));
+            let holds =
+                constraints::socket(row).is_none_or(|s| closed.contains(s) && (rigid || six_struts().contains(&s)));
             if holds {
                 report.max_loop_gap = report.max_loop_gap.max(gap.abs());
                 report.max_loop_rate = report.max_loop_rate.max(rate.abs());
             }
         }
         if !self.tripped {
-            for i in 0..AXES {
+            for i in every_axis() {
                 let error = (snapshot.motion.q[i] - self.wanted.q[i]).abs();
                 report.tracking_error[i] = report.tracking_error[i].max(error);
             }
@@ -303,7 +305,7 @@ impl<'a> Run<'a> {
     }
 
     /// Computes the torque of the next control period.
-    fn control(&mut self, t: f64, encoders: &[f64; AXES], tau: &[f64; AXES]) -> Result<(), SimulationError> {
+    fn control(&mut self, t: f64, encoders: &PerAxis<f64>, tau: &PerAxis<f64>) -> Result<(), SimulationError> {
         if self.tripped {
             return Ok(());
         }
@@ -396,7 +398,7 @@ impl<'a> Run<'a> {
         self.options.frames.or(self.options.watcher.as_ref().map(|watcher| watcher.spacing))
     }
 
-    fn keep_frame(&mut self, t: f64, snapshot: &Snapshot, margins: &[f64; MAX_SOCKETS]) {
+    fn keep_frame(&mut self, t: f64, snapshot: &Snapshot, margins: &PerSocket<f64>) {
         let watcher = self.options.watcher.as_ref();
         let Some(spacing) = self.spacing() else { return };
         if t + INSTANT < self.frames as f64 * spacing {
@@ -429,13 +431,13 @@ impl<'a> Run<'a> {
     }
 
     /// Keeps the loads of a sample until the drives trip.
-    fn trace(&mut self, t: f64, snapshot: &Snapshot, margins: &[f64; MAX_SOCKETS]) {
+    fn trace(&mut self, t: f64, snapshot: &Snapshot, margins: &PerSocket<f64>) {
         if !self.options.trace || self.tripped {
             return;
         }
         let motion = &snapshot.motion;
         let last = self.report.trace.last();
-        let [feedback, error] = last.map_or([[0.0; AXES]; 2], |last| [last.feedback, last.error]);
+        let [feedback, error] = last.map_or([each(0.0); 2], |last| [last.feedback, last.error]);
         self.report.trace.push(Sample {
             t,
             q: motion.q,

@@ -20,18 +20,17 @@
 use nalgebra::Vector3;
 
 use crate::dynamics::{Output, Plant, SocketLoads, steady_socket_loads};
-use crate::kinematics::motion::MAX_SOCKETS;
 use crate::kinematics::{KinematicsError, Motion, SocketSet};
-use crate::machine::Sockets;
 use crate::machine::bodies::strut;
+use crate::machine::{PerSocket, Sockets, each};
 
 /// Clamps of the cups: one per strut at the elbows, then one per strut at the plate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clamps {
     /// Lateral force at which each socket dislocates under zero load along the opening, N: tan α·P.
-    pub hold: [f64; MAX_SOCKETS],
+    pub hold: PerSocket<f64>,
     /// Preload P of each cup on its ball, N.
-    pub preload: [f64; MAX_SOCKETS],
+    pub preload: PerSocket<f64>,
     /// Share of the clamp's own lateral force that counts against the hold force, see [`Sockets::clamp_share`].
     pub share: f64,
     /// Whether sockets dislocate; otherwise margins are only reported.
@@ -51,8 +50,8 @@ impl Clamps {
     /// Healthy clamps of a machine, not armed.
     pub fn watched(sockets: &Sockets) -> Self {
         Self {
-            hold: [sockets.dislocation_force; MAX_SOCKETS],
-            preload: [sockets.preload; MAX_SOCKETS],
+            hold: each(sockets.dislocation_force),
+            preload: each(sockets.preload),
             share: sockets.clamp_share,
             armed: false,
         }
@@ -60,18 +59,13 @@ impl Clamps {
 
     /// Clamps of a machine without struts, with infinite hold force.
     pub fn none() -> Self {
-        Self { hold: [f64::INFINITY; MAX_SOCKETS], preload: [f64::INFINITY; MAX_SOCKETS], share: 0.0, armed: false }
+        Self { hold: each(f64::INFINITY), preload: each(f64::INFINITY), share: 0.0, armed: false }
     }
 
     /// Remaining lateral force margin of each socket, N: tan α·(−C·n) − |C⊥|; zero once open, and the hold where there is none.
     ///
     /// `force` is that of the ball on the strut's cup without the clamps' own, inertial axes, N.
-    pub fn margins(
-        &self,
-        motion: &Motion,
-        force: &[Vector3<f64>; MAX_SOCKETS],
-        closed: SocketSet,
-    ) -> [f64; MAX_SOCKETS] {
+    pub fn margins(&self, motion: &Motion, force: &PerSocket<Vector3<f64>>, closed: SocketSet) -> PerSocket<f64> {
         std::array::from_fn(|s| {
             if s >= 2 * motion.struts() {
                 return self.hold[s];
@@ -94,19 +88,14 @@ impl Clamps {
     ///
     /// # Errors
     /// Those of [`steady_socket_loads`].
-    pub fn along(
-        &self,
-        plant: &Plant,
-        t: f64,
-        motion: &Motion,
-    ) -> Result<(Output, [f64; MAX_SOCKETS]), KinematicsError> {
+    pub fn along(&self, plant: &Plant, t: f64, motion: &Motion) -> Result<(Output, PerSocket<f64>), KinematicsError> {
         let SocketLoads { output, sockets } = steady_socket_loads(plant, t, motion)?;
         Ok((output, self.margins(motion, &sockets, plant.sockets())))
     }
 
     /// Share of its hold that each socket uses where `margins` (N) are left, 1 at the limit; 1 without hold, 0 with an
     /// infinite one.
-    pub fn used(&self, margins: &[f64]) -> [f64; MAX_SOCKETS] {
+    pub fn used(&self, margins: &[f64]) -> PerSocket<f64> {
         std::array::from_fn(|s| match (self.hold[s], margins.get(s)) {
             (f64::INFINITY, _) | (_, None) => 0.0,
             (hold, Some(margin)) if hold > 0.0 => 1.0 - margin / hold,
@@ -176,7 +165,7 @@ mod tests {
         Sockets { ball_radius: 0.0095, preload: 100.0, dislocation_force: 200.0, clamp_share: 0.0, spin_damping: 0.0 };
 
     fn margin(clamps: &Clamps, motion: &Motion, socket: usize, force: [f64; 3]) -> f64 {
-        let mut all = [Vector3::zeros(); MAX_SOCKETS];
+        let mut all: PerSocket<Vector3<f64>> = each(Vector3::zeros());
         all[socket] = force.into();
         clamps.margins(motion, &all, SocketSet::ALL)[socket]
     }
@@ -203,7 +192,7 @@ mod tests {
     #[test]
     fn an_open_socket_has_no_margin() {
         let clamps = Clamps::watched(&SOCKETS_OF_A_MODEL);
-        let margins = clamps.margins(&testing::still(), &[Vector3::zeros(); MAX_SOCKETS], SocketSet::ALL.without(5));
+        let margins = clamps.margins(&testing::still(), &each(Vector3::zeros()), SocketSet::ALL.without(5));
         assert_eq!((margins[0], margins[5]), (200.0, 0.0));
     }
 

@@ -16,14 +16,14 @@ use super::wrench::Twist;
 use crate::dynamics::Plant;
 use crate::effects::hunt_crossley;
 use crate::kinematics::Motion;
-use crate::machine::MAX_LIMBS;
 use crate::machine::bodies::{END_EFFECTOR, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::every_limb;
 
 /// Number of degrees of freedom with stops: arms, telescope, two Hooke joints.
-pub const STOPS: usize = MAX_LIMBS + 3;
-const TELESCOPE: usize = MAX_LIMBS;
-const UPPER_HOOKE: usize = MAX_LIMBS + 1;
-const LOWER_HOOKE: usize = MAX_LIMBS + 2;
+pub const STOPS: usize = LOWER_HOOKE + 1;
+const TELESCOPE: usize = every_limb().end;
+const UPPER_HOOKE: usize = TELESCOPE + 1;
+const LOWER_HOOKE: usize = UPPER_HOOKE + 1;
 
 /// State of a degree of freedom beyond its limit.
 #[derive(Clone, Copy, Debug, PartialEq)]

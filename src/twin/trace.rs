@@ -1,10 +1,9 @@
 //! What a run leaves for a verdict on it: loads at every sample, and the instants at which something gave way.
 
+use crate::machine::{PerAxis, PerSocket, PerStrut};
 use nalgebra::Vector3;
 
 use super::contacts::ContactBody;
-use crate::kinematics::motion::MAX_SOCKETS;
-use crate::machine::{AXES, MAX_STRUTS};
 
 /// Loads and errors at one sample, kept by [`super::Options::trace`] until the drives trip.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -12,23 +11,23 @@ pub struct Sample {
     /// Time, s.
     pub t: f64,
     /// Joint positions, rad (m on a prismatic axis).
-    pub q: [f64; AXES],
+    pub q: PerAxis<f64>,
     /// Joint rates, rad/s.
-    pub rate: [f64; AXES],
+    pub rate: PerAxis<f64>,
     /// Torques at the gear outputs, N·m.
-    pub torque: [f64; AXES],
+    pub torque: PerAxis<f64>,
     /// Feedback part of the torque that is commanded now, N·m.
-    pub feedback: [f64; AXES],
+    pub feedback: PerAxis<f64>,
     /// Desired minus measured joint position, as the controller sees it, rad.
-    pub error: [f64; AXES],
+    pub error: PerAxis<f64>,
     /// Length of the telescope, m.
     pub telescope: f64,
     /// Centre of the platform's ball plane, m.
     pub platform: [f64; 3],
     /// Axial forces at the elbow and platform ends of the struts, tension positive, N.
-    pub strut_force: [[f64; MAX_STRUTS]; 2],
+    pub strut_force: [PerStrut<f64>; 2],
     /// Force margin of every ball socket, N.
-    pub margin: [f64; MAX_SOCKETS],
+    pub margin: PerSocket<f64>,
 }
 
 /// A ball socket that left its ball.

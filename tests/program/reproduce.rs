@@ -1,11 +1,11 @@
 //! The paper's experiments on shortened scenarios: what the physics demands of their results.
 
 use crate::common;
+use deltatwin::machine::{every_axis, three_arms};
 
 use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
-use deltatwin::machine::{ARMS, AXES};
 use deltatwin_validation::reproduce::page::{Comparison, Row};
 use deltatwin_validation::reproduce::runs::Campaign;
 use deltatwin_validation::reproduce::{arms, assembled, friction_curve, sections};
@@ -51,13 +51,13 @@ fn socket_friction_and_nothing_else_inflates_the_viscous_friction_of_the_drives(
 
     // Σ from rests: 1250 samples at each of six poses give a standard error of 0.8 %.
     let sigma = arms::noise(&campaign);
-    for axis in 0..AXES {
+    for axis in every_axis() {
         let truth = campaign.disassembled.noise.torque[axis];
         assert!((sigma[axis] / truth - 1.0).abs() < 0.05, "{sigma:?}");
     }
 
     let table_1 = arms::identify(&campaign.disassembled, &campaign.arms[0], &sigma).unwrap();
-    assert_eq!(table_1.rows.len(), 5 * ARMS + 3);
+    assert_eq!(table_1.rows.len(), 5 * 3 + 3);
     near(&table_1.rows);
     let theta = table_1.value(0, "Θ_yy").unwrap();
     assert!(theta.std.unwrap() < 1e-3, "{theta:?}");
@@ -79,7 +79,7 @@ fn socket_friction_and_nothing_else_inflates_the_viscous_friction_of_the_drives(
     println!("growth of p_v: {inflation:.2?}");
     assert!(inflation[0].iter().all(|f| *f > 2.0), "{inflation:?}");
     for fitted in [&found.free, &found.complete] {
-        for arm in 0..ARMS {
+        for arm in three_arms() {
             let p_v = assembled::estimate(fitted, &format!("drive_friction.viscous_{}", arm + 1)).unwrap();
             let truth = table_1.rows.iter().find(|r| r.quantity == format!("arm {}: p_v", arm + 1)).unwrap().truth;
             let errors = (p_v.value - truth.unwrap()) / p_v.std.unwrap();
@@ -88,8 +88,9 @@ fn socket_friction_and_nothing_else_inflates_the_viscous_friction_of_the_drives(
         }
     }
     // What the paper's model cannot explain is there with socket friction only.
-    let [with, free, complete] = [&found.paper, &found.free, &found.complete].map(|f| f.residuals.rms[..ARMS].to_vec());
-    for arm in 0..ARMS {
+    let [with, free, complete] =
+        [&found.paper, &found.free, &found.complete].map(|f| f.residuals.rms[three_arms()].to_vec());
+    for arm in three_arms() {
         assert!(with[arm] > 1.1 * sigma[arm], "{with:?}");
         assert!(free[arm] < 1.05 * sigma[arm] && complete[arm] < 1.05 * sigma[arm], "{free:?} {complete:?}");
     }

@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use deltatwin::cell::{CellError, Mobility, Object, Shape, Surface};
 use deltatwin::kinematics::{BodyMotion, JointState, Motion, SocketSet};
 use deltatwin::machine::Geometry;
-use deltatwin::machine::bodies::{END_EFFECTOR, STRUT};
+use deltatwin::machine::bodies::{self, END_EFFECTOR, STRUT};
 use deltatwin::scenario::PayloadShape;
 use deltatwin::twin::{ContactBody, Contacts};
 
@@ -433,15 +433,15 @@ fn links_that_came_off_meet_with_opposite_forces() {
     let mut cell = cell(&[]);
     let mut motion = scattered();
     motion.bodies[STRUT].position = Vector3::new(-0.5, 0.0, 0.0161);
-    motion.bodies[STRUT + 2].position = Vector3::new(0.0, -0.3, 0.0);
-    motion.bodies[STRUT + 2].rotation =
+    motion.bodies[bodies::strut(2)].position = Vector3::new(0.0, -0.3, 0.0);
+    motion.bodies[bodies::strut(2)].rotation =
         *Rotation3::from_axis_angle(&Vector3::z_axis(), std::f64::consts::FRAC_PI_2).matrix();
     assert!(!cell.near(&motion, SocketSet::ALL, 1e-3) && cell.near(&motion, open([0]), 1e-3));
     motion.bodies[STRUT].position.z = 0.0159;
     let wrenches = cell.wrenches(&motion, open([0]));
     assert_relative_eq!(wrenches[STRUT].0, Vector3::z() * 20.0, epsilon = 1e-8);
     assert_relative_eq!(wrenches[STRUT].1, Vector3::y() * -10.0, epsilon = 1e-8);
-    assert_relative_eq!(wrenches[STRUT + 2].0, Vector3::z() * -20.0, epsilon = 1e-8);
+    assert_relative_eq!(wrenches[bodies::strut(2)].0, Vector3::z() * -20.0, epsilon = 1e-8);
     let force: Vector3<f64> = wrenches.iter().map(|w| w.0).sum();
     assert!(force.norm() < 1e-12);
 }
@@ -571,8 +571,8 @@ fn bad_numbers_do_no_harm() {
     let mut cell = cell(&[table(), object("box", cuboid(0.1, 0.1, 0.1), free, [0.0, 0.0, 0.0])]);
     let mut motion = scattered();
     motion.bodies[STRUT].position.x = f64::NAN;
-    motion.bodies[STRUT + 1].velocity.x = f64::INFINITY;
-    motion.bodies[STRUT + 1].position = Vector3::new(-0.5, 0.0, 0.0);
+    motion.bodies[bodies::strut(1)].velocity.x = f64::INFINITY;
+    motion.bodies[bodies::strut(1)].position = Vector3::new(-0.5, 0.0, 0.0);
     cell.near(&motion, open(0..12), f64::NAN);
     cell.wrenches(&motion, open(0..12));
     for h in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-3] {
@@ -598,7 +598,7 @@ fn pairs_that_were_found_before_serve_until_something_has_moved() {
         let strut = &mut motion.bodies[STRUT];
         strut.rotation = *Rotation3::from_euler_angles(0.3 * a, 0.05 * (1.3 * a).sin(), 1.7 * a).matrix();
         strut.position = Vector3::new(0.1 * a.sin(), 0.1 * (0.7 * a).cos(), TABLE_TOP + 0.1 + 0.1 * (2.1 * a).sin());
-        let other = &mut motion.bodies[STRUT + 2];
+        let other = &mut motion.bodies[bodies::strut(2)];
         other.position = Vector3::new(-0.5, 0.1 * (0.9 * a).sin(), TABLE_TOP + 0.12);
         let closed = if i % 400 < 200 { SocketSet::ALL } else { open([0, 2, 6, 8]) };
         let mut anew = cell(&objects);
@@ -608,7 +608,7 @@ fn pairs_that_were_found_before_serve_until_something_has_moved() {
         assert_eq!(lasting.wrenches(&motion, closed), anew.wrenches(&motion, closed), "{i}");
         assert_eq!(lasting.touches(), anew.touches(), "{i}");
         hits += usize::from(!lasting.touches().is_empty());
-        let [first, third] = [STRUT, STRUT + 2].map(ContactBody::Link);
+        let [first, third] = [STRUT, bodies::strut(2)].map(ContactBody::Link);
         near += lasting.touches().iter().filter(|t| t.other == first || t.link == third).count();
     }
     assert!((100..1400).contains(&hits) && near > 5, "{hits} {near}");

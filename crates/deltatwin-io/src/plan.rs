@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use deltatwin::constraint_forces::Detail;
-use deltatwin::machine::{AXES, Setup};
+use deltatwin::machine::{PerAxis, Setup, every_axis};
 use deltatwin::planner::shape::first_corner;
 use deltatwin::planner::{Limits, Objective, Options, Shape, Task};
 use serde::Deserialize;
@@ -145,10 +145,10 @@ fn parse_with(text: &str, path: &Path, given: Limits, access: Access) -> Result<
 fn limits(file: &Source, keys: &LimitKeys, given: Limits) -> Checked<Limits> {
     // An axis that the model does not have is not limited.
     let own = match given.torque.iter().filter(|limit| limit.is_finite()).count() {
-        0 => AXES,
+        0 => every_axis().len(),
         own => own,
     };
-    let axes = |key: &str, value: &Option<Spanned<Vec<f64>>>, default: [f64; AXES], most: f64, unit: &str| {
+    let axes = |key: &str, value: &Option<Spanned<Vec<f64>>>, default: PerAxis<f64>, most: f64, unit: &str| {
         let Some(value) = value else { return Ok(default) };
         let key = format!("limits.{key}");
         let mut limit = file.per_axis(&key, value, Interval(1e-3, most, unit))?;

@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use deltatwin::machine::{AXES, Payload};
+use deltatwin::machine::{Payload, PerAxis, every_axis};
 use deltatwin::text::nearest;
 use miette::{Diagnostic, SourceSpan};
 use serde::Deserialize;
@@ -229,15 +229,15 @@ impl<'a> Source<'a> {
     }
 
     /// One number per axis of the machine; those of missing axes are zero.
-    pub fn per_axis(&self, key: &str, value: &Spanned<Vec<f64>>, interval: Interval) -> Checked<[f64; AXES]> {
-        let given = value.get_ref();
+    pub fn per_axis(&self, key: &str, value: &Spanned<Vec<f64>>, interval: Interval) -> Checked<PerAxis<f64>> {
+        let (given, most) = (value.get_ref(), every_axis().len());
         let problem = match given.iter().find(|v| !interval.contains(**v)) {
             Some(v) => Some(v.to_string()),
-            None if ![1, 3, AXES].contains(&given.len()) => Some(format!("{} number(s)", given.len())),
+            None if ![1, 3, most].contains(&given.len()) => Some(format!("{} number(s)", given.len())),
             None => None,
         };
         if let Some(what) = problem {
-            let message = format!("`{key}` has {what}; expected one per axis, 1, 3 or {AXES} numbers {interval}");
+            let message = format!("`{key}` has {what}; expected one per axis, 1, 3 or {most} numbers {interval}");
             return Err(self.problem(value.span(), message));
         }
         Ok(std::array::from_fn(|i| given.get(i).copied().unwrap_or(0.0)))

@@ -13,7 +13,7 @@ use nalgebra::{DMatrix, DVector, Isometry3};
 use deltatwin::dynamics::{Plant, steady_inverse_dynamics};
 use deltatwin::kinematics::{JointState, KinematicsError};
 use deltatwin::machine::bodies::SLOTS;
-use deltatwin::machine::{AXES, Joint};
+use deltatwin::machine::{Joint, PerAxis, each};
 
 /// Time after which the model is put back to the measured state, s.
 pub const RELEASE: f64 = 0.2;
@@ -24,13 +24,13 @@ const LEVER: f64 = 0.35;
 const LARGEST: f64 = 0.08;
 
 /// Inertia matrix of the model at a pose, N·m·s²/rad, column by column from its inverse dynamics.
-fn inertia(plant: &Plant, t: f64, q: [f64; AXES]) -> Result<DMatrix<f64>, KinematicsError> {
+fn inertia(plant: &Plant, t: f64, q: PerAxis<f64>) -> Result<DMatrix<f64>, KinematicsError> {
     let axes = plant.mechanism.axes();
-    let torque = |qdd: [f64; AXES]| {
-        let motion = plant.motion(&JointState { q, qd: [0.0; AXES], qdd })?;
+    let torque = |qdd: PerAxis<f64>| {
+        let motion = plant.motion(&JointState { q, qd: each(0.0), qdd })?;
         Ok(steady_inverse_dynamics(plant, t, &motion, false)?.tau)
     };
-    let rest = torque([0.0; AXES])?;
+    let rest = torque(each(0.0))?;
     let mut matrix = DMatrix::zeros(axes, axes);
     for j in 0..axes {
         let with = torque(std::array::from_fn(|i| if i == j { 1.0 } else { 0.0 }))?;
@@ -50,20 +50,21 @@ pub fn deviations(
     plant: &Plant,
     t: &[f64],
     joints: &[JointState],
-    residual: &[[f64; AXES]],
-) -> Result<Vec<[f64; AXES]>, KinematicsError> {
+    residual: &[PerAxis<f64>],
+) -> Result<Vec<PerAxis<f64>>, KinematicsError> {
     let axes = plant.mechanism.axes();
     let mut all = Vec::with_capacity(t.len());
-    let (mut moved, mut rate, mut released) = ([0.0; AXES], [0.0; AXES], t.first().copied().unwrap_or(0.0));
+    let (mut moved, mut rate): (PerAxis<f64>, PerAxis<f64>) = Default::default();
+    let mut released = t.first().copied().unwrap_or(0.0);
     for k in 0..t.len() {
         if t[k] - released >= RELEASE - 1e-9 {
-            (moved, rate, released) = ([0.0; AXES], [0.0; AXES], t[k]);
+            (moved, rate, released) = (each(0.0), each(0.0), t[k]);
         }
         all.push(moved);
         let h = t.get(k + 1).map_or(0.0, |next| next - t[k]);
         // A gap in the recording.
         if h > RELEASE {
-            (moved, rate, released) = ([0.0; AXES], [0.0; AXES], t[k + 1]);
+            (moved, rate, released) = (each(0.0), each(0.0), t[k + 1]);
             continue;
         }
         let unbalanced = DVector::from_column_slice(&residual[k][..axes]);
@@ -77,7 +78,7 @@ pub fn deviations(
 }
 
 /// Factor by which `deviations` of the plant are shown: the largest that keeps them within a hand's breadth.
-pub fn factor(plant: &Plant, deviations: &[[f64; AXES]]) -> f64 {
+pub fn factor(plant: &Plant, deviations: &[PerAxis<f64>]) -> f64 {
     let length = if plant.mechanism.joint() == Joint::Prismatic { 1.0 } else { LEVER };
     let largest = deviations.iter().flatten().fold(0.0f64, |most, x| most.max(length * x.abs()));
     FACTORS.into_iter().rfind(|factor| factor * largest <= LARGEST).unwrap_or(FACTORS[0])
@@ -91,10 +92,10 @@ pub fn factor(plant: &Plant, deviations: &[[f64; AXES]]) -> f64 {
 pub fn poses(
     plant: &Plant,
     joints: &[JointState],
-    deviations: &[[f64; AXES]],
+    deviations: &[PerAxis<f64>],
     factor: f64,
 ) -> Result<Vec<[Isometry3<f64>; SLOTS]>, KinematicsError> {
-    let one = |(measured, deviation): (&JointState, &[f64; AXES])| {
+    let one = |(measured, deviation): (&JointState, &PerAxis<f64>)| {
         let q = std::array::from_fn(|i| measured.q[i] + factor * deviation[i]);
         let motion = plant.motion(&JointState { q, ..*measured }).or_else(|_| plant.motion(measured))?;
         Ok(motion.shown(plant.mechanism))
@@ -118,7 +119,7 @@ mod tests {
     #[test]
     fn a_constant_force_moves_a_mass_along_a_parabola() {
         let plant = servo();
-        let mass = inertia(&plant, 0.0, [0.0; AXES]).unwrap()[(0, 0)];
+        let mass = inertia(&plant, 0.0, each(0.0)).unwrap()[(0, 0)];
         let t: Vec<f64> = (0..30).map(|k| 0.01 * f64::from(k)).collect();
         let joints = vec![JointState::default(); t.len()];
         let force = vec![[3.0, 0.0, 0.0, 0.0]; t.len()];
@@ -126,7 +127,7 @@ mod tests {
         for (t, moved) in t.iter().zip(&moved).take(20) {
             assert!((moved[0] - 0.5 * 3.0 / mass * t * t).abs() < 1e-12, "{t}: {}", moved[0]);
         }
-        assert_eq!(moved[20], [0.0; AXES], "released");
+        assert_eq!(moved[20], each(0.0), "released");
         assert!((moved[25][0] - moved[5][0]).abs() < 1e-12);
         let size = moved.iter().fold(0.0f64, |most, x| most.max(x[0]));
         let factor = factor(&plant, &moved);

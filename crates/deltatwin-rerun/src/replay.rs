@@ -12,10 +12,9 @@ use crate::scene::{self, After, Assets, Live, Scene, Series, Viewer, measured, w
 use crate::sigma::{BLOCK, LEGEND, in_sigma, means};
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::{Dataset, Residuals, predict};
-use deltatwin::kinematics::motion::MAX_SOCKETS;
 use deltatwin::kinematics::{JointState, KinematicsError};
 use deltatwin::machine::bodies::SLOTS;
-use deltatwin::machine::{AXES, Unit};
+use deltatwin::machine::{PerAxis, PerSocket, Unit};
 use deltatwin::model::Model;
 use deltatwin::recording::{Contact, Contacts, Recording};
 use deltatwin::twin::Clamps;
@@ -133,7 +132,7 @@ impl Replay<'_> {
             let (times, values) = (dataset.t.clone(), left.series[0][i].clone());
             series.push(Series::new(path, times, values, RESIDUAL, label));
         }
-        let rows = |means: &[Vec<f64>]| -> Vec<[f64; AXES]> {
+        let rows = |means: &[Vec<f64>]| -> Vec<PerAxis<f64>> {
             (0..frames.len()).map(|f| std::array::from_fn(|i| means.get(i).map_or(0.0, |mean| mean[f]))).collect()
         };
         let joints: Vec<JointState> = frames.iter().map(|&k| dataset.joints[k]).collect();
@@ -193,7 +192,12 @@ struct Ghosts<'a> {
 
 impl<'a> Ghosts<'a> {
     /// The ghost of the first model, which sets the factor.
-    fn of(plant: &Plant, times: &'a [f64], joints: &'a [JointState], residual: &[[f64; AXES]]) -> miette::Result<Self> {
+    fn of(
+        plant: &Plant,
+        times: &'a [f64],
+        joints: &'a [JointState],
+        residual: &[PerAxis<f64>],
+    ) -> miette::Result<Self> {
         let deviations = ghost::deviations(plant, times, joints, residual).into_diagnostic()?;
         let factor = ghost::factor(plant, &deviations);
         let poses = ghost::poses(plant, joints, &deviations, factor).into_diagnostic()?;
@@ -201,7 +205,7 @@ impl<'a> Ghosts<'a> {
     }
 
     /// The ghost of a later model with the same factor.
-    fn beside(&self, later: &Plant, residual: &[[f64; AXES]]) -> miette::Result<Vec<[Isometry3<f64>; SLOTS]>> {
+    fn beside(&self, later: &Plant, residual: &[PerAxis<f64>]) -> miette::Result<Vec<[Isometry3<f64>; SLOTS]>> {
         let deviations = ghost::deviations(later, self.times, self.joints, residual).into_diagnostic()?;
         ghost::poses(later, self.joints, &deviations, self.factor).into_diagnostic()
     }
@@ -251,7 +255,7 @@ fn used(
     plant: &Plant,
     dataset: &Dataset,
     frames: &[usize],
-) -> Result<Option<Vec<[f64; MAX_SOCKETS]>>, KinematicsError> {
+) -> Result<Option<Vec<PerSocket<f64>>>, KinematicsError> {
     if !plant.assembled {
         return Ok(None);
     }
@@ -266,7 +270,7 @@ fn used(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use deltatwin::machine::Setup;
+    use deltatwin::machine::{Setup, each};
     use deltatwin::recording::Signals;
     use nalgebra::Vector3;
 
@@ -277,8 +281,8 @@ mod tests {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/irb360-6-1600.toml");
         let model = deltatwin_io::model::read(&file).unwrap();
         let t = (0..2_500).map(|k| f64::from(k) * 4e-4).collect();
-        let signals = Signals::of_drives(model.mechanism, t, &[[0.3, 0.4, 0.5, 0.2]; 2_500], &[[0.0; AXES]; 2_500]);
-        let setup = Setup { torque_noise: Some([0.1; AXES]), ..Setup::default() };
+        let signals = Signals::of_drives(model.mechanism, t, &[[0.3, 0.4, 0.5, 0.2]; 2_500], &[each(0.0); 2_500]);
+        let setup = Setup { torque_noise: Some(each(0.1)), ..Setup::default() };
         let mut recording = Recording { signals, setup, ..Recording::default() };
         let plant = Plant::along(&model, &recording);
         let predicted = predict(&plant, &Dataset::new(&recording)).unwrap();

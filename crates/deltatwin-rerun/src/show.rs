@@ -10,7 +10,7 @@ use crate::scene::{
 };
 use deltatwin::dynamics::Plant;
 use deltatwin::machine::bodies::SLOTS;
-use deltatwin::machine::{MAX_STRUTS, Part};
+use deltatwin::machine::{Part, PerStrut};
 use deltatwin::recording::{Channel, Recording, Signals};
 use deltatwin::scenario::DesiredMotion;
 use deltatwin::twin::origin::note;
@@ -112,13 +112,14 @@ fn touches(frame: &Frame) -> Vec<Contact> {
 }
 
 /// Struts with an open socket.
-fn loose(frame: &Frame, struts: usize) -> [bool; MAX_STRUTS] {
+fn loose(frame: &Frame, struts: usize) -> PerStrut<bool> {
     std::array::from_fn(|s| s < struts && !(frame.closed.contains(s) && frame.closed.contains(struts + s)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use deltatwin::machine::each;
     use deltatwin::twin::{NewContacts, simulate};
     use deltatwin_io::{model, scenario};
 
@@ -142,7 +143,7 @@ mod tests {
         let frames = &report.frames;
         assert_eq!(frames.len(), 28);
         assert!(frames.iter().enumerate().all(|(k, f)| (f.t - 0.01 * k as f64).abs() < 1e-9 && f.objects.len() == 2));
-        assert_eq!(loose(&frames[22], 6), [false; MAX_STRUTS]);
+        assert_eq!(loose(&frames[22], 6), each(false));
         assert_eq!(loose(&frames[27], 6)[..6], [false, false, true, true, true, true]);
         assert_eq!((frames[27].socket_margin[8], frames[27].strut_force[1][2]), (0.0, 0.0));
 

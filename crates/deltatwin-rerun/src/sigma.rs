@@ -1,6 +1,6 @@
 //! Residuals as the colours show them: means over 20 ms, in standard deviations of such a mean.
 
-use deltatwin::machine::AXES;
+use deltatwin::machine::PerAxis;
 
 /// Duration of the means, s.
 pub(crate) const BLOCK: f64 = 0.02;
@@ -21,7 +21,7 @@ pub(crate) fn means(series: &[f64], frames: &[usize], block: usize) -> Vec<f64> 
 }
 
 /// Means of every axis over the frames in units of their standard deviations `sigma`, by frame; zero where it is unknown.
-pub(crate) fn in_sigma(means: &[Vec<f64>], sigma: &[f64]) -> Vec<[f64; AXES]> {
+pub(crate) fn in_sigma(means: &[Vec<f64>], sigma: &[f64]) -> Vec<PerAxis<f64>> {
     let frames = means.first().map_or(0, Vec::len);
     let of = |frame: usize, axis: usize| match (means.get(axis), sigma.get(axis)) {
         (Some(means), Some(&sigma)) if sigma > 0.0 => means[frame] / sigma,

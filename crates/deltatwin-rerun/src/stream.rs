@@ -172,21 +172,20 @@ mod tests {
     use crate::scene::Assets;
     use deltatwin::dynamics::Plant;
     use deltatwin::kinematics::SocketSet;
-    use deltatwin::kinematics::motion::MAX_SOCKETS;
     use deltatwin::machine::bodies::SLOTS;
-    use deltatwin::machine::{AXES, MAX_STRUTS, Setup};
+    use deltatwin::machine::{Setup, each};
     use deltatwin::twin::Options;
 
     fn frame(t: f64) -> Frame {
         Frame {
             t,
-            q: [0.0; AXES],
-            tau: [0.0; AXES],
+            q: each(0.0),
+            tau: each(0.0),
             bodies: [Isometry3::identity(); SLOTS],
             objects: Vec::new(),
             closed: SocketSet::ALL,
-            strut_force: [[0.0; MAX_STRUTS]; 2],
-            socket_margin: [0.0; MAX_SOCKETS],
+            strut_force: [each(0.0); 2],
+            socket_margin: each(0.0),
             contacts: Vec::new(),
         }
     }

@@ -8,7 +8,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use crate::scene::{Assets, Level, Live, Note, Scene, Series, Viewer, drives, socket_margins};
 use crate::sigma::{BLOCK, LEGEND, in_sigma, means};
 use deltatwin::dynamics::Plant;
-use deltatwin::machine::{AXES, Setup, Unit};
+use deltatwin::machine::{PerAxis, Setup, Unit};
 use deltatwin::model::Model;
 use deltatwin::monitoring::Observation;
 use deltatwin::twin::Clamps;
@@ -90,7 +90,7 @@ impl Shown {
     /// A piece without content that has all parts.
     fn layout(&self, name: &str) -> Scene<'_> {
         let mut scene = Scene::new(self.plant.mechanism, &self.plant.geometry, Vec::new(), Vec::new());
-        scene.series = self.curves(&[], &vec![Vec::new(); AXES], &[]);
+        scene.series = self.curves(&[], &PerAxis::<Vec<_>>::default(), &[]);
         scene.series.push(level(Vec::new(), Vec::new()));
         scene.series.extend(drives(self.plant.mechanism, &[], |_| (Vec::new(), Vec::new())));
         scene.eventful = true;

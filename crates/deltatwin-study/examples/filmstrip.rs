@@ -6,8 +6,8 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use deltatwin::cell::Shape;
-use deltatwin::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use deltatwin::machine::{ARMS, STRUTS};
+use deltatwin::machine::bodies::{self, END_EFFECTOR, PLATFORM, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use deltatwin::machine::{lower_socket, six_struts, three_arms};
 use deltatwin::twin::Frame;
 use deltatwin_io::outside::Access;
 use deltatwin_io::{model, scenario};
@@ -77,12 +77,12 @@ fn picture(case: &Case, outcome: &Outcome, frame: &Frame) -> String {
     }
     let tip = |body: usize, x: f64, y: f64, z: f64| frame.bodies[body] * Point3::new(x, y, z);
     let limbs = case.model.geometry.limbs;
-    for s in 0..STRUTS {
-        let loose = [s, STRUTS + s].iter().any(|&socket| !frame.closed.contains(socket));
+    for s in six_struts() {
+        let loose = [s, lower_socket(s)].iter().any(|&socket| !frame.closed.contains(socket));
         let (color, width) = if loose { ("#d4351c", 2.6) } else { ("#3d6ea5", 1.8) };
         line(
             &mut out,
-            [tip(STRUT + s, 0.0, 0.0, 0.0), tip(STRUT + s, limbs[s / 2].strut_length, 0.0, 0.0)],
+            [tip(bodies::strut(s), 0.0, 0.0, 0.0), tip(bodies::strut(s), limbs[s / 2].strut_length, 0.0, 0.0)],
             color,
             width,
         );
@@ -90,17 +90,17 @@ fn picture(case: &Case, outcome: &Outcome, frame: &Frame) -> String {
     if geometry.has_telescope() {
         line(&mut out, [tip(TELESCOPE_UPPER, 0.0, 0.0, 0.0), tip(TELESCOPE_LOWER, 0.0, 0.0, 0.0)], "#8a8f98", 2.2);
     }
-    for i in 0..ARMS {
+    for i in three_arms() {
         let half = 0.5 * geometry.limbs[0].pair_distance;
         line(
             &mut out,
-            [tip(ARM + i, 0.0, 0.0, 0.0), tip(ARM + i, geometry.limbs[i].arm_length, 0.0, 0.0)],
+            [tip(bodies::arm(i), 0.0, 0.0, 0.0), tip(bodies::arm(i), geometry.limbs[i].arm_length, 0.0, 0.0)],
             "#e08a2c",
             6.0,
         );
-        let ends = [-half, half].map(|y| tip(ARM + i, geometry.limbs[i].arm_length, y, 0.0));
+        let ends = [-half, half].map(|y| tip(bodies::arm(i), geometry.limbs[i].arm_length, y, 0.0));
         line(&mut out, ends, "#e08a2c", 3.0);
-        let shafts = [i, (i + 1) % ARMS].map(|i| Point3::from(geometry.limbs[i].shaft()));
+        let shafts = [i, (i + 1) % three_arms().len()].map(|i| Point3::from(geometry.limbs[i].shaft()));
         line(&mut out, shafts, "#555", 3.0);
         let pair = [-half, half].map(|y| {
             let p = geometry.limbs[i].point + geometry.limbs[i].tangential() * y;

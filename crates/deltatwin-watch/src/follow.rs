@@ -1,10 +1,10 @@
 //! Samples of a file that grows or of a pipe: CSV with the columns of a recording, or MCAP.
 
+use deltatwin::machine::PerAxis;
 use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Read, Seek};
 use std::path::{Path, PathBuf};
 
-use deltatwin::machine::AXES;
 use deltatwin_io::recording::{JointSample, Tail, begins_mcap};
 use thiserror::Error;
 
@@ -155,7 +155,7 @@ fn available(file: &mut File) -> std::io::Result<Vec<u8>> {
 
 /// A sample of a bag; `None` if a value is not finite.
 fn sample(joints: &JointSample) -> Option<Stamped> {
-    let all = |values: &[f64]| -> [f64; AXES] { std::array::from_fn(|i| values.get(i).copied().unwrap_or(0.0)) };
+    let all = |values: &[f64]| -> PerAxis<f64> { std::array::from_fn(|i| values.get(i).copied().unwrap_or(0.0)) };
     let finite = joints.q.iter().chain(&joints.tau).all(|x| x.is_finite());
     finite.then(|| Stamped { time: joints.time, q: all(&joints.q), tau: all(&joints.tau) })
 }
@@ -217,7 +217,8 @@ fn row(line: &str, separator: char, places: &[usize], axes: usize) -> Result<Sta
     let time = cell(time)?;
     let time = nanoseconds(time).ok_or_else(|| format!("`{time}` is not a time in s"))?;
     let values: Vec<f64> = places.iter().map(value).collect::<Result<_, String>>()?;
-    let all = |first: usize| -> [f64; AXES] { std::array::from_fn(|i| if i < axes { values[first + i] } else { 0.0 }) };
+    let all =
+        |first: usize| -> PerAxis<f64> { std::array::from_fn(|i| if i < axes { values[first + i] } else { 0.0 }) };
     Ok(Stamped { time, q: all(0), tau: all(axes) })
 }
 

@@ -1,6 +1,6 @@
 //! Messages of a machine as JSON: `{"t": s, "q": […], "tau": […]}`, or a batch with lists of them.
 
-use deltatwin::machine::AXES;
+use deltatwin::machine::PerAxis;
 use deltatwin::monitoring::Sample;
 use serde::Deserialize;
 use serde_json::value::RawValue;
@@ -93,7 +93,7 @@ pub fn parse(payload: &[u8], axes: usize) -> Result<Message, Unusable> {
 }
 
 /// A row as values of all axes, those that the machine does not have zero.
-fn checked(name: &str, row: &[f64], axes: usize, largest: f64) -> Result<[f64; AXES], String> {
+fn checked(name: &str, row: &[f64], axes: usize, largest: f64) -> Result<PerAxis<f64>, String> {
     if row.len() != axes {
         return Err(format!("`{name}` has {} values", row.len()));
     }
@@ -105,7 +105,7 @@ fn checked(name: &str, row: &[f64], axes: usize, largest: f64) -> Result<[f64; A
 
 /// The message with `samples` of a machine with `axes` axes, as a batch.
 pub fn batch(samples: &[Sample], axes: usize) -> Value {
-    let rows = |of: fn(&Sample) -> &[f64; AXES]| samples.iter().map(|s| &of(s)[..axes]).collect::<Vec<_>>();
+    let rows = |of: fn(&Sample) -> &PerAxis<f64>| samples.iter().map(|s| &of(s)[..axes]).collect::<Vec<_>>();
     json!({ "t": samples.iter().map(|s| s.t).collect::<Vec<_>>(), "q": rows(|s| &s.q), "tau": rows(|s| &s.tau) })
 }
 

@@ -3,7 +3,7 @@
 //! A time on a Unix clock has no room for them in a number of 64 bits: near 1.8·10⁹ s, neighbouring values are 0.24 µs
 //! apart. So times are converted from their decimals, and the monitor counts from the first second of the machine.
 
-use deltatwin::machine::AXES;
+use deltatwin::machine::PerAxis;
 
 /// Nanoseconds per second.
 pub const SECOND: i64 = 1_000_000_000;
@@ -16,9 +16,9 @@ pub struct Stamped {
     /// Time on the machine's clock, ns.
     pub time: i64,
     /// Joint angles, rad (m for a sliding axis).
-    pub q: [f64; AXES],
+    pub q: PerAxis<f64>,
     /// Drive torques at the gear output, N·m (N for a sliding axis).
-    pub tau: [f64; AXES],
+    pub tau: PerAxis<f64>,
 }
 
 /// The time that a decimal number of seconds states, in ns to the nearest one; `None` if it is not a number or too

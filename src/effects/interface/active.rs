@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::{Count, Effects, Instant, InternalStates, Layout, Param, Parameter, Role, Values};
 use crate::effects::{Effect, GearSpring, StrutSpring};
 use crate::kinematics::JointState;
-use crate::machine::{AXES, Bodies, Drive, Geometry, Joint, MAX_STRUTS, Mechanism, Part, Sockets};
+use crate::machine::{Bodies, Drive, Geometry, Joint, Mechanism, Part, PerAxis, PerStrut, Sockets};
 use crate::recording::Signals;
 
 /// Properties of a machine on which the parameters of effects depend: their number, units and typical magnitudes, the
@@ -30,7 +30,7 @@ pub struct MachineView<'a> {
     /// Inertia of every body, without payload.
     pub bodies: &'a Bodies,
     /// Drives 1–3 (arms) and 4 (telescope).
-    pub drives: &'a [Drive; AXES],
+    pub drives: &'a PerAxis<Drive>,
     /// Ball sockets.
     pub sockets: &'a Sockets,
     /// Active effects.
@@ -190,7 +190,7 @@ impl ActiveEffect {
     }
 
     /// Turns joint angles into encoder readings, rad.
-    pub fn encoder(&self, state: &[f64], angles: &mut [f64; AXES]) {
+    pub fn encoder(&self, state: &[f64], angles: &mut PerAxis<f64>) {
         if let Some(sensor) = self.effect.sensor() {
             sensor.encoder(&self.values(), state, angles);
         }
@@ -221,12 +221,12 @@ impl ActiveEffect {
     }
 
     /// Elastic gears between encoder and joint; `None` if there are none.
-    pub fn gear_springs(&self) -> Option<[GearSpring; AXES]> {
+    pub fn gear_springs(&self) -> Option<PerAxis<GearSpring>> {
         self.effect.compliance()?.gear_springs(&self.values())
     }
 
     /// Axial spring and damper of each strut; `None` if the struts are rigid.
-    pub fn strut_spring(&self) -> Option<[StrutSpring; MAX_STRUTS]> {
+    pub fn strut_spring(&self) -> Option<PerStrut<StrutSpring>> {
         self.effect.compliance()?.strut_spring(&self.values())
     }
 

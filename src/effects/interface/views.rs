@@ -3,7 +3,7 @@
 use super::{Instant, Values};
 use crate::effects::{GearSpring, StrutSpring};
 use crate::kinematics::JointState;
-use crate::machine::{AXES, MAX_STRUTS};
+use crate::machine::{PerAxis, PerStrut};
 use crate::recording::Signals;
 
 /// Differential equations of an effect's internal states.
@@ -38,7 +38,7 @@ pub trait InternalStates {
 /// Effect on the sensors.
 pub trait Sensor {
     /// Turns joint angles into motor-side encoder readings, rad.
-    fn encoder(&self, _values: &Values, _state: &[f64], _angles: &mut [f64; AXES]) {}
+    fn encoder(&self, _values: &Values, _state: &[f64], _angles: &mut PerAxis<f64>) {}
 
     /// Turns the motion of the encoders into that of the joints, with rates and accelerations: the inverse of
     /// [`Sensor::encoder`] with the internal states at rest.
@@ -69,12 +69,12 @@ pub trait Compliance {
     ///
     /// The internal states are then deflections and deflection rates of the three arms. The twin integrates them;
     /// evaluations along a measured motion derive them from that motion.
-    fn gear_springs(&self, _values: &Values) -> Option<[GearSpring; AXES]> {
+    fn gear_springs(&self, _values: &Values) -> Option<PerAxis<GearSpring>> {
         None
     }
 
     /// Axial spring and damper of each strut, see [`StrutSpring`].
-    fn strut_spring(&self, _values: &Values) -> Option<[StrutSpring; MAX_STRUTS]> {
+    fn strut_spring(&self, _values: &Values) -> Option<PerStrut<StrutSpring>> {
         None
     }
 }

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use crate::kinematics::{Motion, Reactions, SocketSet};
 use crate::machine::bodies::{SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{AXES, Bodies, Joint, Payload};
+use crate::machine::{Bodies, Joint, Payload, PerAxis};
 
 /// Quantities on which a force law may depend.
 #[derive(Clone, Copy)]
@@ -26,7 +26,7 @@ pub struct Instant<'a> {
     pub state: &'a [f64],
     /// Drive torques at the gear output, N·m. Zero in inverse dynamics, unless the effect declares in `Reads` that it
     /// depends on them.
-    pub torque: [f64; AXES],
+    pub torque: PerAxis<f64>,
     /// Load of a single axis that is known, measured or stated, against positive motion, N·m or N.
     pub load: Option<f64>,
     /// Ball sockets that are closed.

@@ -9,10 +9,10 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
-use super::{ARMS, CARRIAGE, PARAMETERS, RigidBodies, STRUTS, UNITS, UnitInertia, body, one};
+use super::{ARM_BODIES, CARRIAGE, PARAMETERS, RigidBodies, STRUT_BODIES, UNITS, UnitInertia, body, one};
 use crate::effects::{Count, Parameter, Unit};
 use crate::machine::bodies::{ARM, PLATFORM, SLOTS, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, body_name, strut};
-use crate::machine::{ARMS as LIMBS, BodyParameters, Joint, LinkParameters, Mechanism};
+use crate::machine::{BodyParameters, Joint, LinkParameters, Mechanism, three_arms};
 
 const KINDS: [BodyParameters; 3] = [BodyParameters::Symmetric, BodyParameters::Aligned, BodyParameters::Complete];
 
@@ -50,14 +50,14 @@ fn build(robot: Robot, links: LinkParameters) -> RigidBodies {
         BodyParameters::Complete => general(10),
     };
     let known = |e: &Entry| match robot {
-        Robot::Carriages => STRUTS.contains(&e.bodies[0]) || e.bodies == [PLATFORM],
+        Robot::Carriages => STRUT_BODIES.contains(&e.bodies[0]) || e.bodies == [PLATFORM],
         Robot::Arms => e.bodies.iter().all(|&b| b <= PLATFORM),
         Robot::ArmsAndTelescope => true,
     };
-    let carriage = Entry { parameter: CARRIAGE, bodies: ARMS.collect(), unit: UnitInertia::Mass };
+    let carriage = Entry { parameter: CARRIAGE, bodies: ARM_BODIES.collect(), unit: UnitInertia::Mass };
     let carriage = matches!(robot, Robot::Carriages).then_some(carriage);
     let own = carriage.into_iter().chain(entries.into_iter().filter(known));
-    listed(own, |e| if links.each_limb && e.bodies[0] < PLATFORM { LIMBS } else { 1 })
+    listed(own, |e| if links.each_limb && e.bodies[0] < PLATFORM { three_arms().len() } else { 1 })
 }
 
 /// The parameters in order; bodies that `shares` of them have, as many each, get their own values by arm.

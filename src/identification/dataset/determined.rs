@@ -6,7 +6,7 @@ use super::Dataset;
 use crate::identification::derivatives::Accuracy;
 use crate::identification::filtering::MIN_HALF_WIDTH;
 use crate::kinematics::JointState;
-use crate::machine::{AXES, Mechanism};
+use crate::machine::{Mechanism, every_axis};
 use crate::recording::{Channel, Signals, is_even};
 
 /// Half width of the differentiation, s, and least rate with a known sign, rad/s or m/s, up to which reversals are resolved:
@@ -58,7 +58,7 @@ impl Dataset {
     pub(super) fn resolved(&self, pieces: &[(Range<usize>, Vec<JointState>)]) -> Vec<Vec<Range<usize>>> {
         let of = |(piece, joints): &(Range<usize>, Vec<JointState>)| {
             let mut is_resolved = vec![true; piece.len()];
-            for axis in (0..AXES).filter(|&axis| self.half_width[axis] > MIN_HALF_WIDTH) {
+            for axis in every_axis().filter(|&axis| self.half_width[axis] > MIN_HALF_WIDTH) {
                 let Accuracy { width, rate, .. } = self.accuracy[axis];
                 let reach = (REACH * width / self.dt).ceil() as usize;
                 let rate_at = |k: usize| joints[k].qd[axis];

@@ -14,7 +14,7 @@ use crate::identification::Dataset;
 use crate::identification::bandwidth::{bandwidth, narrow};
 use crate::identification::zeros::zeros;
 use crate::machine::bodies::{ARM, SLOTS};
-use crate::machine::{AXES, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops};
+use crate::machine::{Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops, each};
 use crate::model::history::rounded_to;
 use crate::model::{Meshes, Model};
 use crate::numerics::deviation;
@@ -483,7 +483,7 @@ fn empty(name: &str, mechanism: Mechanism, drive: Drive) -> Model {
             spin_damping: 0.0,
         },
         stops: Stops::NONE,
-        noise: Noise { torque: [0.0; AXES], strut_force: 0.0 },
+        noise: Noise { torque: each(0.0), strut_force: 0.0 },
         gravity: 0.0,
         sample_time: 0.0,
         effects: Effects::default(),

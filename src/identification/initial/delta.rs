@@ -7,7 +7,7 @@ use crate::effects::{Unit, smooth_sign};
 use crate::evidence::noise::{correlation_time, difference_sigma};
 use crate::identification::least_squares::least_squares;
 use crate::identification::{Dataset, predict};
-use crate::machine::{ARMS, Stops};
+use crate::machine::{Stops, TELESCOPE_AXIS, three_arms};
 use crate::model::Model;
 use crate::model::history::rounded_to;
 use crate::numerics::median;
@@ -75,7 +75,7 @@ impl Own<'_> {
 
     /// Travel of the arms, within the template's stops and around the home pose.
     fn travel(&mut self) {
-        let angles = self.recordings.iter().flat_map(|r| r.signals.q().iter().flat_map(|q| q[..ARMS].to_vec()));
+        let angles = self.recordings.iter().flat_map(|r| r.signals.q().iter().flat_map(|q| q[three_arms()].to_vec()));
         let mut limits = widened(angles);
         if self.model.stops != Stops::NONE {
             let [low, high] = self.model.stops.arm;
@@ -91,23 +91,23 @@ impl Own<'_> {
 
     /// Resolution of the encoders at the template's gear ratios.
     fn encoders(&mut self) {
-        let steps: Vec<f64> = (0..ARMS).filter_map(|i| encoder_step(self.recordings, i)).collect();
+        let steps: Vec<f64> = three_arms().filter_map(|i| encoder_step(self.recordings, i)).collect();
         if steps.is_empty() {
             self.remarks.push("The angles have no visible steps: `encoder_bits` is the template's.".into());
         } else {
             let (step, gear) = (median(steps), self.model.drives[0].gear_ratio);
             let bits = encoder_bits(step, gear);
-            self.model.drives[..ARMS].iter_mut().for_each(|d| d.encoder_bits = bits);
+            self.model.drives[three_arms()].iter_mut().for_each(|d| d.encoder_bits = bits);
             let how = format!("the angles step by {step:.3e} rad; gear of the template");
             self.number("drives.arm", "encoder_bits", vec![f64::from(bits)], Unit::Bit, how);
         }
         if !self.model.mechanism.has_telescope() {
             return;
         }
-        if let Some(step) = encoder_step(self.recordings, ARMS) {
-            let gear = self.model.drives[ARMS].gear_ratio;
+        if let Some(step) = encoder_step(self.recordings, TELESCOPE_AXIS) {
+            let gear = self.model.drives[TELESCOPE_AXIS].gear_ratio;
             let bits = encoder_bits(step, gear);
-            self.model.drives[ARMS].encoder_bits = bits;
+            self.model.drives[TELESCOPE_AXIS].encoder_bits = bits;
             let how = format!("the angle steps by {step:.3e} rad; gear of the template");
             self.number("drives.telescope", "encoder_bits", vec![f64::from(bits)], Unit::Bit, how);
         }
@@ -116,7 +116,7 @@ impl Own<'_> {
     /// Limits of torque and speed that the recordings exceed.
     fn limits(&mut self) {
         let groups: [(&str, std::ops::Range<usize>); 2] =
-            [("drives.arm", 0..ARMS), ("drives.telescope", ARMS..self.model.mechanism.axes())];
+            [("drives.arm", three_arms()), ("drives.telescope", TELESCOPE_AXIS..self.model.mechanism.axes())];
         for (table, axes) in groups {
             let most = |of: &dyn Fn(&Dataset, usize, usize) -> f64| {
                 let all = self.datasets.iter().flat_map(|d| axes.clone().map(move |i| (d, i)));
@@ -233,7 +233,7 @@ impl Own<'_> {
                 slope: fit.beta[0],
             })
         };
-        (0..ARMS).map(arm).collect()
+        three_arms().map(arm).collect()
     }
 }
 

@@ -27,7 +27,7 @@ use crate::dynamics::{Plant, inverse_dynamics};
 use crate::effects::{ActiveEffect, GearSpring, Kind};
 use crate::identification::Dataset;
 use crate::kinematics::{JointState, KinematicsError};
-use crate::machine::{AXES, Part};
+use crate::machine::{Part, PerAxis, every_axis};
 
 /// Newmark's γ and β: the trapezoidal rule with slight damping of frequencies above the sampling rate.
 const GAMMA: f64 = 0.55;
@@ -42,7 +42,7 @@ const CONVERGED: f64 = 1e-9;
 const STEP: f64 = 1e-8;
 
 /// The plant behind its gears: without effects on the motor side.
-pub(super) fn behind<'a>(plant: &'a Plant, gears: &[GearSpring; AXES]) -> Cow<'a, Plant> {
+pub(super) fn behind<'a>(plant: &'a Plant, gears: &PerAxis<GearSpring>) -> Cow<'a, Plant> {
     if !plant.effects.iter().any(|a| acts_on_motors(a, gears)) {
         return Cow::Borrowed(plant);
     }
@@ -52,7 +52,7 @@ pub(super) fn behind<'a>(plant: &'a Plant, gears: &[GearSpring; AXES]) -> Cow<'a
 }
 
 /// Whether an effect acts on the rotors: force laws of the drives do if friction does.
-pub(super) fn acts_on_motors(active: &ActiveEffect, gears: &[GearSpring; AXES]) -> bool {
+pub(super) fn acts_on_motors(active: &ActiveEffect, gears: &PerAxis<GearSpring>) -> bool {
     let at_motor = gears.iter().any(|g| g.friction_at_motor);
     at_motor && active.effect.acts_on() == Part::Drives && active.effect.kind() == Kind::Force
 }
@@ -61,7 +61,7 @@ pub(super) fn acts_on_motors(active: &ActiveEffect, gears: &[GearSpring; AXES]) 
 pub(super) fn deflected<'a>(
     dataset: &Dataset,
     rigid: &Joints<'a>,
-    gears: &[GearSpring; AXES],
+    gears: &PerAxis<GearSpring>,
 ) -> Result<Joints<'a>, KinematicsError> {
     let plant = behind(rigid.plant, gears);
     let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
@@ -109,7 +109,7 @@ impl Deflection {
     /// Joint state behind an encoder.
     fn behind(&self, encoder: &JointState) -> JointState {
         let mut joint = *encoder;
-        for i in 0..AXES {
+        for i in every_axis() {
             joint.q[i] -= self.angle[i];
             joint.qd[i] -= self.rate[i];
             joint.qdd[i] -= self.acceleration[i];
@@ -120,7 +120,7 @@ impl Deflection {
 
 struct Arms<'a> {
     plant: &'a Plant,
-    gears: &'a [GearSpring; AXES],
+    gears: &'a PerAxis<GearSpring>,
     dataset: &'a Dataset,
     own: &'a InternalStates,
     encoders: &'a [JointState],
@@ -214,7 +214,7 @@ fn broyden(inverse: &Matrix4<f64>, s: &Vector4<f64>, y: &Vector4<f64>) -> Matrix
 const STEPS: [f64; 2] = [1.0, 1e-6];
 
 /// Arms with a measured torque, and its channel.
-fn measured(drives: &[Option<usize>; AXES]) -> impl Iterator<Item = (usize, usize)> + '_ {
+fn measured(drives: &PerAxis<Option<usize>>) -> impl Iterator<Item = (usize, usize)> + '_ {
     drives.iter().enumerate().filter_map(|(i, c)| c.map(|c| (i, c)))
 }
 
@@ -222,9 +222,9 @@ fn measured(drives: &[Option<usize>; AXES]) -> impl Iterator<Item = (usize, usiz
 pub(super) struct Passage<'a> {
     dataset: &'a Dataset,
     joints: &'a Joints<'a>,
-    gears: &'a [GearSpring; AXES],
+    gears: &'a PerAxis<GearSpring>,
     /// Channel of each arm's torque; a gear without a measured torque counts as rigid.
-    drives: [Option<usize>; AXES],
+    drives: PerAxis<Option<usize>>,
     /// Derivatives M and C of the channels with respect to the arms' accelerations and rates, channel by channel for
     /// each sample.
     slopes: Vec<[Vector4<f64>; 2]>,
@@ -236,7 +236,7 @@ impl<'a> Passage<'a> {
     pub fn new(
         dataset: &'a Dataset,
         joints: &'a Joints<'a>,
-        gears: &'a [GearSpring; AXES],
+        gears: &'a PerAxis<GearSpring>,
     ) -> Result<Self, KinematicsError> {
         let plant = &*behind(joints.plant, gears);
         let arms = plant.mechanism.arms();

@@ -2,7 +2,7 @@
 
 use super::constraint::{Constraints, JerkPlace};
 use super::{Grid, GridProfile};
-use crate::machine::AXES;
+use crate::machine::{PerAxis, each, every_axis};
 
 /// Use of a row from which its side enters the active set.
 const ENTERING_USE: f64 = 0.8;
@@ -18,7 +18,7 @@ pub struct ActiveSet {
     /// Per grid point and row of loads.
     loads: Vec<Vec<Sides>>,
     /// Per interval: each drive at the interval's start and end.
-    jerks: Vec<[[Sides; AXES]; 2]>,
+    jerks: Vec<[PerAxis<Sides>; 2]>,
     /// Intervals in which z must stay positive although it is positive at both ends.
     dips: Vec<bool>,
 }
@@ -50,7 +50,7 @@ impl ActiveSet {
         let grid = constraints.grid;
         let mut active = Self {
             loads: grid.points.iter().map(|point| vec![Sides::default(); point.rows.len()]).collect(),
-            jerks: vec![[[Sides::BOTH; AXES], [Sides::default(); AXES]]; grid.intervals()],
+            jerks: vec![[each(Sides::BOTH), each(Sides::default())]; grid.intervals()],
             dips: vec![false; grid.intervals()],
         };
         active.update_loads(constraints, near);
@@ -94,7 +94,7 @@ impl ActiveSet {
         let inner = constraints.grid.inner();
         for interval in inner.clone() {
             for (side, grid_point) in [interval, interval + 1].into_iter().enumerate() {
-                for axis in 0..AXES {
+                for axis in every_axis() {
                     let used = constraints.jerk_use(profile, JerkPlace { interval, grid_point, axis });
                     let outside = self.jerks[interval][side][axis].update(used);
                     worst = worst.max(outside);
@@ -135,7 +135,7 @@ impl ActiveSet {
     pub(super) fn prune(&mut self, constraints: Constraints, profile: &GridProfile) {
         for interval in constraints.grid.inner() {
             let at = |axis| JerkPlace { interval, grid_point: interval, axis };
-            let used: [f64; AXES] = std::array::from_fn(|axis| constraints.jerk_use(profile, at(axis)));
+            let used: PerAxis<f64> = std::array::from_fn(|axis| constraints.jerk_use(profile, at(axis)));
             let largest = used.iter().fold(0.0f64, |m, u| m.max(u.abs()));
             for (axis, used) in used.into_iter().enumerate() {
                 let sides = &mut self.jerks[interval];

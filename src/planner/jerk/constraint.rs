@@ -1,7 +1,7 @@
 //! The jerk limits of the drives at the grid points.
 
 use super::GridProfile;
-use crate::machine::AXES;
+use crate::machine::{PerAxis, every_axis};
 use crate::planner::limits::Limits;
 use crate::planner::rows::{Grid, GridPoint, Ramp, Tightening};
 
@@ -46,15 +46,15 @@ pub(in crate::planner) fn jerk_row(grid_point: &GridPoint, limits: &Limits, axis
 
 /// Largest z at an end of an eased path, 1/s²: with q′ = q″ = 0 a drive's jerk is q‴ z^(3/2), so z = (J/q‴)^(2/3).
 pub(in crate::planner) fn cap_at_rest(grid_point: &GridPoint, limits: &Limits) -> f64 {
-    let third = (0..AXES).map(|axis| jerk_row(grid_point, limits, axis)[0].abs()).fold(0.0, f64::max);
+    let third = every_axis().map(|axis| jerk_row(grid_point, limits, axis)[0].abs()).fold(0.0, f64::max);
     third.powf(-2.0 / 3.0)
 }
 
 /// Largest z at the moving end of each ramp of `grid`, 1/s², for the usable shares of the jerk limits.
-pub(in crate::planner) fn ramp_caps(grid: &Grid, limits: &Limits, share: &[[f64; AXES]]) -> Vec<f64> {
+pub(in crate::planner) fn ramp_caps(grid: &Grid, limits: &Limits, share: &[PerAxis<f64>]) -> Vec<f64> {
     let cap = |ramp: Ramp| {
         let at = |axis: usize| (share[ramp.neighbour][axis] / ramp_use(grid, limits, ramp, axis)).powf(2.0 / 3.0);
-        (0..AXES).map(at).fold(f64::INFINITY, f64::min)
+        every_axis().map(at).fold(f64::INFINITY, f64::min)
     };
     grid.ramps().into_iter().map(cap).collect()
 }
@@ -81,7 +81,8 @@ pub(super) fn first_iterate(grid: &Grid, limits: &Limits, unlimited: &[f64]) -> 
         return GridProfile { z: unlimited.iter().map(|z| z.min(cap)).collect(), acceleration };
     }
     let end = |i: usize| {
-        let jerk = (0..AXES).map(|k| 1.0 / jerk_row(&grid.points[i], limits, k)[2].abs()).fold(f64::INFINITY, f64::min);
+        let jerk =
+            every_axis().map(|k| 1.0 / jerk_row(&grid.points[i], limits, k)[2].abs()).fold(f64::INFINITY, f64::min);
         (4.5 * jerk).powf(2.0 / 3.0)
     };
     let (start, stop) = (end(0), end(n));

@@ -3,7 +3,7 @@
 use super::active_set::ActiveSet;
 use super::constraint::{Constraints, jerk_row, ramp_caps};
 use super::{GridProfile, Objective};
-use crate::machine::AXES;
+use crate::machine::every_axis;
 use crate::planner::programme::{Programme, normalise};
 use crate::planner::unknowns::Unknowns;
 
@@ -99,7 +99,7 @@ impl Linear<'_> {
             let h = grid.length(i);
             for (side, point) in [i, i + 1].into_iter().enumerate() {
                 let z0 = self.at.z[point];
-                for axis in (0..AXES).filter(|&k| limits.jerk[k].is_finite()) {
+                for axis in every_axis().filter(|&k| limits.jerk[k].is_finite()) {
                     let [third, second, first] = jerk_row(&grid.points[point], limits, axis).map(|v| v * z0.sqrt());
                     let share = tightening.jerk[point][axis];
                     for sign in self.active.jerk_signs(i, side, axis) {

@@ -1,7 +1,7 @@
 //! Inequalities and cones of the relaxation.
 
 use super::{PARTS, Range, Relaxation};
-use crate::machine::AXES;
+use crate::machine::{each, every_axis};
 use crate::planner::jerk::{cap_at_rest, jerk_row, ramp_caps};
 use crate::planner::programme::Programme;
 
@@ -34,7 +34,7 @@ impl Relaxation<'_> {
     fn caps(&self) -> Vec<f64> {
         let (grid, limits) = (&self.sequence.grid, self.limits);
         let n = grid.intervals();
-        let ramp_caps = ramp_caps(grid, limits, &vec![[1.0; AXES]; n + 1]);
+        let ramp_caps = ramp_caps(grid, limits, &vec![each(1.0); n + 1]);
         let cap = |i: usize| {
             let mut cap = grid.points[i].cap.min(self.above[i]);
             if grid.eased && (i == 0 || i == n) {
@@ -51,7 +51,7 @@ impl Relaxation<'_> {
     pub(super) fn jerk_rows(&self, programme: &mut Programme) {
         let (grid, limits, columns) = (&self.sequence.grid, self.limits, &self.columns);
         let states = &columns.states;
-        for axis in (0..AXES).filter(|&k| limits.jerk[k].is_finite()) {
+        for axis in every_axis().filter(|&k| limits.jerk[k].is_finite()) {
             let acceleration = |i: usize, sign: f64| {
                 let [_, second, first] = jerk_row(&grid.points[i], limits, axis);
                 [

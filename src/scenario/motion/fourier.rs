@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::dynamics::{Plant, steady_inverse_dynamics};
 use crate::kinematics::{JointState, PlatformState};
-use crate::machine::AXES;
+use crate::machine::{PerAxis, each, every_axis};
 use crate::model::Model;
 
 /// z(t) = centre + Σₖ aₖ sin(kωt) + bₖ cos(kωt) for x, y, z (m) and ψ (rad).
@@ -26,11 +26,11 @@ pub struct FourierMotion {
 #[derive(Clone, Copy, Debug)]
 pub struct MotionLimits {
     /// Drive speeds, rad/s.
-    pub speed: [f64; AXES],
+    pub speed: PerAxis<f64>,
     /// Drive accelerations, rad/s².
-    pub acceleration: [f64; AXES],
+    pub acceleration: PerAxis<f64>,
     /// Drive torques, N·m.
-    pub torque: [f64; AXES],
+    pub torque: PerAxis<f64>,
 }
 
 impl MotionLimits {
@@ -114,15 +114,15 @@ impl FourierMotion {
         let [low, high] = plant.geometry.arm_limits();
         let arms = plant.mechanism.arms();
         let centre = std::array::from_fn(|i| if i < arms { 0.5 * (low + high) } else { 0.0 });
-        let sizes: [f64; AXES] = std::array::from_fn(|i| if i < arms { 0.5 * (high - low) } else { 12.0 });
+        let sizes: PerAxis<f64> = std::array::from_fn(|i| if i < arms { 0.5 * (high - low) } else { 12.0 });
         let mut motion = Self::still(frequency, centre, harmonics);
         motion.draw(&sizes[..plant.mechanism.axes()], rng);
         for _ in 0..200 {
             let bad = motion.axes_beyond(plant, limits);
-            if bad == [false; AXES] {
+            if bad == each(false) {
                 break;
             }
-            for axis in (0..AXES).filter(|&i| bad[i]) {
+            for axis in every_axis().filter(|&i| bad[i]) {
                 motion.scale(0.93, axis..axis + 1);
             }
         }
@@ -147,16 +147,16 @@ impl FourierMotion {
     }
 
     /// Whether each axis violates the limits of its joint or drive.
-    fn axes_beyond(&self, plant: &Plant, limits: &MotionLimits) -> [bool; AXES] {
+    fn axes_beyond(&self, plant: &Plant, limits: &MotionLimits) -> PerAxis<bool> {
         let [low, high] = plant.geometry.arm_limits();
         let arms = plant.mechanism.arms();
-        let mut bad = [false; AXES];
+        let mut bad: PerAxis<bool> = each(false);
         for k in 0..GRID {
             let [q, qd, qdd] = self.coordinates(k as f64 / GRID as f64 / self.frequency);
             let torque = plant
                 .motion(&JointState { q, qd, qdd })
                 .and_then(|motion| steady_inverse_dynamics(plant, 0.0, &motion, false))
-                .map_or([f64::INFINITY; AXES], |out| out.tau);
+                .map_or(each(f64::INFINITY), |out| out.tau);
             for i in 0..plant.mechanism.axes() {
                 bad[i] |= qd[i].abs() > limits.speed[i]
                     || (i < arms && (qdd[i].abs() > limits.acceleration[i] || !(low..=high).contains(&q[i])))
@@ -230,7 +230,8 @@ pub fn middle(plant: &Plant) -> f64 {
         return g.upper_hooke_height - g.lower_hooke_height - 0.45 * (low + high);
     }
     let [low, high] = g.arm_limits();
-    g.forward(&[0.5 * (low + high); AXES]).map_or(-g.limbs[0].arm_length, |p| p.z)
+    let middle: PerAxis<f64> = each(0.5 * (low + high));
+    g.forward(&middle).map_or(-g.limbs[0].arm_length, |p| p.z)
 }
 
 /// Least [`Geometry::determinacy`] of a random motion: Par4 keeps |ψ| below 72°.

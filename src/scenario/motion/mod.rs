@@ -15,7 +15,7 @@ use thiserror::Error;
 
 use crate::dynamics::Plant;
 use crate::kinematics::{JointState, KinematicsError, PlatformState, Target};
-use crate::machine::{AXES, Geometry, Setup, Unit};
+use crate::machine::{Geometry, Setup, Unit, every_axis};
 use crate::model::Model;
 
 use constant_speed::ConstantSpeed;
@@ -277,7 +277,7 @@ impl DesiredMotion {
                 }
                 reason => MotionError::Unreachable { t, reason },
             })?;
-            if let Some(axis) = (planning.mechanism.axes().max(planning.mechanism.limbs())..AXES)
+            if let Some(axis) = (planning.mechanism.axes().max(planning.mechanism.limbs())..every_axis().end)
                 .find(|&i| joints.q[i] != 0.0 || joints.qd[i] != 0.0)
             {
                 return Err(MotionError::NoAxis { t, axis });

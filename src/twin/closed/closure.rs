@@ -7,8 +7,8 @@ use super::blocks::Paired;
 use super::pairs::Pairs;
 use super::{Mechanism, OpenVector, PLATFORM_V, Pose};
 use crate::kinematics::{Arm, Motion};
-use crate::machine::bodies::{PLATFORM, STRUT};
-use crate::machine::{ARMS, STRUTS};
+use crate::machine::bodies::{self, PLATFORM};
+use crate::machine::{SixStruts, ThreeArms, each, six_struts, three_arms};
 use crate::numerics::sin_cos;
 
 /// Change of strut length below which the loops count as closed, m.
@@ -25,18 +25,18 @@ impl Mechanism {
         }
         let g = &self.geometry;
         let mut orientation = UnitQuaternion::new_normalize(pose.orientation);
-        let mut rows = [Paired::ZERO; STRUTS];
-        let mut elbows = [Vector3::zeros(); ARMS];
-        let mut elbow_jacobian = [Vector3::zeros(); ARMS];
-        for i in 0..ARMS {
+        let mut rows: SixStruts<_> = each(Paired::ZERO);
+        let mut elbows: ThreeArms<Vector3<f64>> = each(Vector3::zeros());
+        let mut elbow_jacobian: ThreeArms<Vector3<f64>> = each(Vector3::zeros());
+        for i in three_arms() {
             let arm = Arm::by(&g.limbs[i], pose.phi[i], sin_cos);
             (elbows[i], elbow_jacobian[i]) = (arm.elbow, arm.slope);
         }
         let (mut closed, mut corrections) = (false, 0);
         for _ in 0..MAX_CLOSURE_ITERATIONS {
             let rotation = orientation.to_rotation_matrix().into_inner();
-            let mut gaps = [0f64; STRUTS];
-            for s in 0..STRUTS {
+            let mut gaps: SixStruts<_> = each(0f64);
+            for s in six_struts() {
                 let ball = rotation * self.balls[s];
                 let span = pose.position + ball - elbows[s / 2] - g.limbs[s / 2].tangential() * g.pair_offset(s);
                 let length = span.norm();
@@ -64,16 +64,16 @@ impl Mechanism {
     }
 
     /// Pose, ν and spins of a motion, whose loops must be closed to within a few millimetres.
-    pub fn pose(&self, motion: &Motion) -> (Pose, OpenVector, [f64; STRUTS]) {
+    pub fn pose(&self, motion: &Motion) -> (Pose, OpenVector, SixStruts<f64>) {
         let platform = &motion.bodies[PLATFORM];
         let orientation =
             *UnitQuaternion::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(platform.rotation));
-        let mut roll = [0.0; STRUTS];
-        let mut spin = [0.0; STRUTS];
-        for s in 0..STRUTS {
+        let mut roll: SixStruts<f64> = each(0.0);
+        let mut spin: SixStruts<f64> = each(0.0);
+        for s in six_struts() {
             let (u, v) = (motion.strut_axis[s], self.geometry.limbs[s / 2].tangential());
             let y = (v - u * u.dot(&v)).normalize();
-            let strut = &motion.bodies[STRUT + s];
+            let strut = &motion.bodies[bodies::strut(s)];
             let own = strut.rotation.column(1);
             roll[s] = own.dot(&u.cross(&y)).atan2(own.dot(&y));
             spin[s] = strut.angular_velocity.dot(&u);

@@ -9,24 +9,24 @@ use super::pairs::Pairs;
 use super::{Frame, Mechanism, OpenVector};
 use crate::dynamics::Plant;
 use crate::effects::StrutSpring;
-use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, SLOTS, STRUT};
-use crate::machine::{ARMS, AXES, Joint, MAX_STRUTS, STRUTS};
+use crate::machine::bodies::{self, END_EFFECTOR, PLATFORM, ROTOR, SLOTS};
+use crate::machine::{Joint, PerAxis, PerStrut, SixStruts, ThreeArms, each, six_struts, three_arms};
 
 /// Implicit terms of a Rosenbrock step, added to the equations.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in crate::twin) struct Implicit {
     /// h·γ·damping of arms and rotor, kg·m².
-    pub drives: [f64; AXES],
+    pub drives: PerAxis<f64>,
     /// Torques on arms and rotor, N·m.
-    pub drive_torque: [f64; AXES],
+    pub drive_torque: PerAxis<f64>,
     /// h·γ·damping + h²γ²·stiffness of the spins, kg·m².
-    pub spins: [f64; STRUTS],
+    pub spins: SixStruts<f64>,
     /// Moments about the struts' axes, N·m.
-    pub spin_moment: [f64; STRUTS],
+    pub spin_moment: SixStruts<f64>,
     /// h·γ·damping + h²γ²·stiffness of elastic struts, kg.
-    pub tension: [f64; STRUTS],
+    pub tension: SixStruts<f64>,
     /// Tensions, N.
-    pub tension_force: [f64; STRUTS],
+    pub tension_force: SixStruts<f64>,
 }
 
 /// Loads at one configuration and velocity.
@@ -36,7 +36,7 @@ pub(in crate::twin) struct Loads<'a> {
     /// Wrenches on all bodies about their origins, inertial axes.
     pub wrenches: &'a [Twist; SLOTS],
     /// Drive torques, N·m.
-    pub tau: &'a [f64; AXES],
+    pub tau: &'a PerAxis<f64>,
     pub implicit: &'a Implicit,
     pub gravity: Vector3<f64>,
 }
@@ -54,15 +54,15 @@ pub(super) struct Equations {
     platform_force: Paired,
     rotor_force: f64,
     /// Inertia of the arm drives, kg·m².
-    drive: [f64; ARMS],
-    drive_coupling: [Paired; ARMS],
-    drive_force: [f64; ARMS],
+    drive: ThreeArms<f64>,
+    drive_coupling: ThreeArms<Paired>,
+    drive_force: ThreeArms<f64>,
     /// Rows of B for the platform twist; the entry of the strut's arm follows.
-    rows: [Paired; STRUTS],
-    row_drive: [f64; STRUTS],
+    rows: SixStruts<Paired>,
+    row_drive: SixStruts<f64>,
     /// c: negative rates of change of the struts' length rates at ν̇ = 0.
-    target: [f64; STRUTS],
-    pub ends: [Ends; STRUTS],
+    target: SixStruts<f64>,
+    pub ends: SixStruts<Ends>,
 }
 
 /// Mass matrix of the platform side: the platform twist, the rotor and its coupling with it.
@@ -147,20 +147,20 @@ impl Equations {
             mass,
             platform_force: Paired::new(force + chain.force, moment + chain.moment),
             rotor_force,
-            drive: [0.0; ARMS],
-            drive_coupling: [Paired::ZERO; ARMS],
-            drive_force: [0.0; ARMS],
-            rows: [Paired::ZERO; STRUTS],
-            row_drive: [0.0; STRUTS],
-            target: [0.0; STRUTS],
-            ends: [Ends::default(); STRUTS],
+            drive: each(0.0),
+            drive_coupling: each(Paired::ZERO),
+            drive_force: each(0.0),
+            rows: each(Paired::ZERO),
+            row_drive: each(0.0),
+            target: each(0.0),
+            ends: each(Ends::default()),
         }
     }
 
     /// Adds inertia, weight and torques of the arms.
     pub fn add_arms(&mut self, loads: &Loads) {
         let Loads { plant, frame, wrenches, tau, implicit, gravity } = loads;
-        for i in 0..ARMS {
+        for i in three_arms() {
             let (body, screw) = frame.motion.drive(i);
             let (rotation, inertia) = (&frame.motion.bodies[body].rotation, &plant.bodies[body]);
             let own = match frame.motion.arms {
@@ -177,7 +177,7 @@ impl Equations {
     /// Adds masses and end forces of the struts, and their length rows.
     pub fn add_struts(&mut self, mechanism: &Mechanism, loads: &Loads) {
         let Frame { motion, jacobians, length_rate, inverse_length, .. } = loads.frame;
-        for s in 0..STRUTS {
+        for s in six_struts() {
             let (i, rod) = (s / 2, &mechanism.rods[s]);
             let (u, e, r) = (&motion.strut_axis[s], &jacobians.elbow[i], &jacobians.ball[s]);
             let ends = mechanism.strut_forces(s, loads);
@@ -201,15 +201,15 @@ impl Equations {
     pub fn solve_elastic(
         &self,
         mechanism: &Mechanism,
-        springs: &[StrutSpring; MAX_STRUTS],
+        springs: &PerStrut<StrutSpring>,
         loads: &Loads,
-    ) -> Result<(OpenVector, [f64; STRUTS]), SingularPose> {
+    ) -> Result<(OpenVector, SixStruts<f64>), SingularPose> {
         let Loads { frame, implicit, .. } = loads;
         let (mut mass, mut platform_force) = (self.mass.twist.to_matrix(), self.platform_force.to_vector());
         let (mut drive, mut drive_force) = (self.drive, self.drive_force);
         let mut coupling = self.drive_coupling.map(Paired::to_vector);
-        let mut tension = [0.0; STRUTS];
-        for s in 0..STRUTS {
+        let mut tension: SixStruts<f64> = each(0.0);
+        for s in six_struts() {
             let (i, row, row_drive) = (s / 2, self.rows[s].to_vector(), self.row_drive[s]);
             let stretch = frame.motion.strut_length[s] - mechanism.rods[s].length;
             let law = springs[s].stiffness * stretch + springs[s].damping * frame.length_rate[s];
@@ -224,22 +224,22 @@ impl Equations {
         let (rotor, rotor_coupling) = (self.mass.rotor, self.mass.rotor_coupling.to_vector());
         let mut f = platform_force - rotor_coupling * (self.rotor_force / rotor);
         mass -= rotor_coupling * rotor_coupling.transpose() / rotor;
-        for i in 0..ARMS {
+        for i in three_arms() {
             mass -= coupling[i] * coupling[i].transpose() / drive[i];
             f -= coupling[i] * (drive_force[i] / drive[i]);
         }
         let x: Vector6<f64> = mass.cholesky().ok_or(SingularPose)?.solve(&f);
-        let arms: [f64; ARMS] = std::array::from_fn(|i| (drive_force[i] - coupling[i].dot(&x)) / drive[i]);
+        let arms: ThreeArms<f64> = std::array::from_fn(|i| (drive_force[i] - coupling[i].dot(&x)) / drive[i]);
         let rotor = (self.rotor_force - rotor_coupling.dot(&x)) / rotor;
         let twist = Paired::new(x.fixed_rows::<3>(0).into_owned(), x.fixed_rows::<3>(3).into_owned());
-        for s in 0..STRUTS {
+        for s in six_struts() {
             tension[s] += implicit.tension[s] * (self.rows[s].dot(&twist) + self.row_drive[s] * arms[s / 2]);
         }
         Ok((open_vector(&arms, rotor, &twist), tension))
     }
 
     /// ν̇ and tensions with rigid struts; the platform follows the arms, in the null space of B.
-    pub fn solve_rigid(&self) -> Result<(OpenVector, [f64; STRUTS]), SingularPose> {
+    pub fn solve_rigid(&self) -> Result<(OpenVector, SixStruts<f64>), SingularPose> {
         let (mass, coupling) = (&self.mass.twist, &self.drive_coupling);
         let pairs = Pairs::new(&self.rows)?;
         // Platform = offset + Σ follow · φ̈.
@@ -253,7 +253,7 @@ impl Equations {
         let mut reduced = Matrix4::zeros();
         let mut f = Vector4::zeros();
         // Lower triangle, which is all that the factorisation reads.
-        for i in 0..ARMS {
+        for i in three_arms() {
             for j in 0..=i {
                 reduced[(i, j)] = follow[i].dot(&carried[j]) + coupling[i].dot(&follow[j]);
             }
@@ -270,7 +270,7 @@ impl Equations {
     }
 }
 
-fn open_vector(arms: &[f64; ARMS], rotor: f64, twist: &Paired) -> OpenVector {
+fn open_vector(arms: &ThreeArms<f64>, rotor: f64, twist: &Paired) -> OpenVector {
     let ([a, b, c], Paired { v, w }) = (*arms, twist);
     OpenVector::from_column_slice(&[a, b, c, rotor, v.x, v.y, v.z, w.x, w.y, w.z])
 }
@@ -279,10 +279,10 @@ impl Mechanism {
     /// Applied forces on a strut, reduced to its upper and lower ball.
     #[inline]
     fn strut_forces(&self, s: usize, loads: &Loads) -> Ends {
-        let (rod, frame, wrench) = (&self.rods[s], loads.frame, &loads.wrenches[STRUT + s]);
+        let (rod, frame, wrench) = (&self.rods[s], loads.frame, &loads.wrenches[bodies::strut(s)]);
         let u = frame.motion.strut_axis[s];
         let inverse = frame.inverse_length[s];
-        let spin = frame.motion.bodies[STRUT + s].angular_velocity.dot(&u);
+        let spin = frame.motion.bodies[bodies::strut(s)].angular_velocity.dot(&u);
         // Rotation of the axis changes the spin's angular momentum: the moment Θ_xx·σ·u̇ is subtracted.
         let axis_rate = (frame.jacobians.stretch[s] - u * frame.length_rate[s]) * inverse;
         let moment = wrench.1 - axis_rate * (rod.axial * spin);

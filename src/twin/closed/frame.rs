@@ -6,22 +6,22 @@ use super::super::wrench::STILL;
 use super::chain::{Chain, ChainBias};
 use super::{Mechanism, OpenVector, Pose, platform_twist};
 use crate::kinematics::{Arm, BodyMotion, JointState, Motion};
-use crate::machine::bodies::{ARM, PLATFORM, ROTOR, STRUT};
-use crate::machine::{ARMS, Geometry, STRUTS};
+use crate::machine::bodies::{self, PLATFORM, ROTOR};
+use crate::machine::{Geometry, SixStruts, ThreeArms, each, six_struts, three_arms};
 use crate::numerics::sin_cos;
 
 /// Linear maps and bias accelerations of one configuration, used by mass matrix and forces.
 pub(super) struct Jacobians {
     /// Velocity of the elbow per unit of arm rate, m.
-    pub elbow: [Vector3<f64>; ARMS],
+    pub elbow: ThreeArms<Vector3<f64>>,
     /// Acceleration of the elbow at φ̈ = 0, m/s².
-    pub elbow_bias: [Vector3<f64>; ARMS],
+    pub elbow_bias: ThreeArms<Vector3<f64>>,
     /// Lower ball relative to the platform's origin, m.
-    pub ball: [Vector3<f64>; STRUTS],
+    pub ball: SixStruts<Vector3<f64>>,
     /// Acceleration of the lower ball at v̇ = 0 and ω̇ = 0, m/s².
-    pub ball_bias: [Vector3<f64>; STRUTS],
+    pub ball_bias: SixStruts<Vector3<f64>>,
     /// Velocity of the lower relative to the upper ball, m/s.
-    pub stretch: [Vector3<f64>; STRUTS],
+    pub stretch: SixStruts<Vector3<f64>>,
     pub chain: Chain,
     pub bias: ChainBias,
 }
@@ -31,11 +31,11 @@ pub(in crate::twin) struct Frame {
     /// Motion of all bodies, without accelerations.
     pub motion: Motion,
     /// Rate of the roll angles, rad/s.
-    pub roll_rate: [f64; STRUTS],
+    pub roll_rate: SixStruts<f64>,
     /// Rates of the strut lengths, m/s.
-    pub length_rate: [f64; STRUTS],
+    pub length_rate: SixStruts<f64>,
     /// Reciprocals of the strut lengths, 1/m.
-    pub(super) inverse_length: [f64; STRUTS],
+    pub(super) inverse_length: SixStruts<f64>,
     pub(super) jacobians: Jacobians,
 }
 
@@ -45,15 +45,15 @@ impl Frame {
         let none = Vector3::zeros();
         Self {
             motion: Motion::disassembled(geometry, &JointState::default()),
-            roll_rate: [0.0; STRUTS],
-            length_rate: [0.0; STRUTS],
-            inverse_length: [0.0; STRUTS],
+            roll_rate: each(0.0),
+            length_rate: each(0.0),
+            inverse_length: each(0.0),
             jacobians: Jacobians {
-                elbow: [none; ARMS],
-                elbow_bias: [none; ARMS],
-                ball: [none; STRUTS],
-                ball_bias: [none; STRUTS],
-                stretch: [none; STRUTS],
+                elbow: each(none),
+                elbow_bias: each(none),
+                ball: each(none),
+                ball_bias: each(none),
+                stretch: each(none),
                 chain: Chain::zero(),
                 bias: ChainBias { hooke: none, telescope: none, end_effector: STILL },
             },
@@ -70,17 +70,22 @@ impl Frame {
 
 impl Mechanism {
     /// Writes the frame at a pose with velocities ν and spins.
-    pub fn frame(&self, pose: &Pose, nu: &OpenVector, spin: &[f64; STRUTS], out: &mut Frame) {
+    pub fn frame(&self, pose: &Pose, nu: &OpenVector, spin: &SixStruts<f64>, out: &mut Frame) {
         let g = &self.geometry;
         let Frame { motion, roll_rate, length_rate, inverse_length, jacobians } = out;
         let Motion { q, qd, bodies, strut_axis, strut_length, telescope, .. } = motion;
         *q = [pose.phi[0], pose.phi[1], pose.phi[2], pose.psi];
         *qd = [nu[0], nu[1], nu[2], nu[3]];
-        let mut elbows = [Vector3::zeros(); ARMS];
-        for i in 0..ARMS {
+        let mut elbows: ThreeArms<Vector3<f64>> = each(Vector3::zeros());
+        for i in three_arms() {
             let arm = Arm::by(&g.limbs[i], pose.phi[i], sin_cos);
             let screw = arm.screw(&g.limbs[i]);
-            bodies[ARM + i].place(arm.rotation(&g.limbs[i]), arm.origin, screw.linear * nu[i], screw.angular * nu[i]);
+            bodies[bodies::arm(i)].place(
+                arm.rotation(&g.limbs[i]),
+                arm.origin,
+                screw.linear * nu[i],
+                screw.angular * nu[i],
+            );
             elbows[i] = arm.elbow;
             jacobians.elbow[i] = arm.slope;
             jacobians.elbow_bias[i] = arm.curvature * (nu[i] * nu[i]);
@@ -90,7 +95,7 @@ impl Mechanism {
         let rotation = UnitQuaternion::new_unchecked(pose.orientation).to_rotation_matrix().into_inner();
         bodies[PLATFORM] =
             BodyMotion { rotation, position: pose.position, velocity, angular_velocity: omega, ..BodyMotion::REST };
-        for s in 0..STRUTS {
+        for s in six_struts() {
             let i = s / 2;
             let v = g.limbs[i].tangential();
             let upper = elbows[i] + v * g.pair_offset(s);
@@ -112,7 +117,7 @@ impl Mechanism {
             let facing_rate = -share * lateral * inverse * stretch.dot(&z);
             let (sin, cos) = sin_cos(pose.roll[s]);
             let roll = Matrix3::from_columns(&[axis, y * cos + z * sin, z * cos - y * sin]);
-            bodies[STRUT + s].place(roll, upper, upper_velocity, swing + axis * spin[s]);
+            bodies[bodies::strut(s)].place(roll, upper, upper_velocity, swing + axis * spin[s]);
             (strut_axis[s], strut_length[s]) = (axis, length);
             (jacobians.ball[s], jacobians.stretch[s]) = (ball, stretch);
             jacobians.ball_bias[s] = omega.cross(&turning);

@@ -34,9 +34,8 @@ use super::wrench::Twist;
 use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, StrutSpring};
 use crate::kinematics::Reactions;
-use crate::kinematics::motion::MAX_SOCKETS;
-use crate::machine::bodies::{END_EFFECTOR, Inertia, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{ARMS, Geometry, MAX_STRUTS, STRUTS};
+use crate::machine::bodies::{self, END_EFFECTOR, Inertia, PLATFORM, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{Geometry, PerSocket, PerStrut, SixStruts, ThreeArms, each};
 
 /// Open velocities ν.
 pub(super) const OPEN: usize = 10;
@@ -49,7 +48,7 @@ pub(super) type OpenVector = SVector<f64, OPEN>;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Pose {
     /// Arm angles, rad.
-    pub phi: [f64; ARMS],
+    pub phi: ThreeArms<f64>,
     /// Rotor angle including full turns, rad.
     pub psi: f64,
     /// Platform origin, m.
@@ -57,15 +56,15 @@ pub(super) struct Pose {
     /// Platform orientation, body to inertial axes; a unit quaternion up to rounding.
     pub orientation: Quaternion<f64>,
     /// Roll of each strut about its axis, relative to the orientation in which its y axis faces along the pair, rad.
-    pub roll: [f64; STRUTS],
+    pub roll: SixStruts<f64>,
 }
 
 /// Data that are constant during a run.
 pub(super) struct Mechanism {
     pub geometry: Geometry,
-    rods: [Rod; STRUTS],
+    rods: SixStruts<Rod>,
     /// Lower balls in the platform's frame, m.
-    balls: [Vector3<f64>; STRUTS],
+    balls: SixStruts<Vector3<f64>>,
     /// Both parts of the telescope about their Hooke joints, in the frame of the telescope, kg·m².
     telescope: Matrix3<f64>,
     /// Platform with the rods' masses at its balls, platform frame.
@@ -73,7 +72,7 @@ pub(super) struct Mechanism {
     /// Whether the end effector has inertia.
     loaded: bool,
     /// Elastic struts; `None` if they are rigid.
-    pub springs: Option<[StrutSpring; MAX_STRUTS]>,
+    pub springs: Option<PerStrut<StrutSpring>>,
 }
 
 /// Solution of the equations of motion.
@@ -82,11 +81,11 @@ pub(super) struct Solution {
     /// ν̇.
     pub nu_rate: OpenVector,
     /// Angular acceleration of each strut about its axis, rad/s².
-    pub spin_rate: [f64; STRUTS],
+    pub spin_rate: SixStruts<f64>,
     /// Axial strut forces at the balls.
     pub reactions: Reactions,
     /// Force on each strut at its sockets (six upper, six lower), N, inertial axes.
-    pub socket_force: [Vector3<f64>; MAX_SOCKETS],
+    pub socket_force: PerSocket<Vector3<f64>>,
 }
 
 impl Solution {
@@ -94,9 +93,9 @@ impl Solution {
     pub fn zero() -> Self {
         Self {
             nu_rate: OpenVector::zeros(),
-            spin_rate: [0.0; STRUTS],
+            spin_rate: each(0.0),
             reactions: Reactions::default(),
-            socket_force: [Vector3::zeros(); MAX_SOCKETS],
+            socket_force: each(Vector3::zeros()),
         }
     }
 
@@ -112,7 +111,7 @@ impl Solution {
 impl Mechanism {
     pub fn new(plant: &Plant) -> Self {
         let geometry = plant.geometry;
-        let rods = std::array::from_fn(|s| Rod::new(&plant.bodies[STRUT + s], geometry.strut_length(s)));
+        let rods = std::array::from_fn(|s| Rod::new(&plant.bodies[bodies::strut(s)], geometry.strut_length(s)));
         let balls = std::array::from_fn(|s| geometry.platform_ball(s));
         let mut laden_platform = plant.bodies[PLATFORM];
         for (rod, ball) in rods.iter().zip(&balls) {

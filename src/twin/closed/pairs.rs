@@ -1,10 +1,10 @@
 //! Solution of the six length rows by pairs of struts.
 
+use crate::machine::SixStruts;
 use nalgebra::{Matrix3, Vector3};
 
 use super::super::SingularPose;
 use super::blocks::Paired;
-use crate::machine::STRUTS;
 
 /// Factorisation of B_P, the platform part of the length rows, by sums and differences of each pair's rows.
 ///
@@ -39,7 +39,7 @@ fn of_rows(a: &Vector3<f64>, b: &Vector3<f64>, c: &Vector3<f64>) -> Matrix3<f64>
 }
 
 impl Pairs {
-    pub fn new(rows: &[Paired; STRUTS]) -> Result<Self, SingularPose> {
+    pub fn new(rows: &SixStruts<Paired>) -> Result<Self, SingularPose> {
         let [a, b, c, d, e, f] = rows;
         let (sums, differences) = ([*a + *b, *c + *d, *e + *f], [*a - *b, *c - *d, *e - *f]);
         let s_v_inverse = inverse_of_rows(&sums[0].v, &sums[1].v, &sums[2].v).ok_or(SingularPose)?;
@@ -59,7 +59,7 @@ impl Pairs {
 
     /// x with B_P x = g.
     #[inline]
-    pub fn solve(&self, g: &[f64; STRUTS]) -> Paired {
+    pub fn solve(&self, g: &SixStruts<f64>) -> Paired {
         let sum = Vector3::new(g[0] + g[1], g[2] + g[3], g[4] + g[5]);
         let difference = Vector3::new(g[0] - g[1], g[2] - g[3], g[4] - g[5]);
         self.back(self.s_v_inverse * sum, difference)
@@ -82,7 +82,7 @@ impl Pairs {
 
     /// T with B_Pᵀ T = f.
     #[inline]
-    pub fn solve_transposed(&self, f: &Paired) -> [f64; STRUTS] {
+    pub fn solve_transposed(&self, f: &Paired) -> SixStruts<f64> {
         let free = self.s_v_inverse.tr_mul(&f.v);
         let difference = self.schur_inverse.tr_mul(&(f.w - self.s_w.tr_mul(&free)));
         let sum = free - self.s_v_inverse.tr_mul(&self.d_v.tr_mul(&difference));
@@ -94,9 +94,9 @@ impl Pairs {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::machine::ARMS;
+    use crate::machine::{each, three_arms};
 
-    fn residual(rows: &[Paired; STRUTS], x: &Paired, g: &[f64; STRUTS]) -> f64 {
+    fn residual(rows: &SixStruts<Paired>, x: &Paired, g: &SixStruts<f64>) -> f64 {
         rows.iter().zip(g).map(|(row, g)| (row.dot(x) - g).abs()).fold(0.0, f64::max)
     }
 
@@ -104,12 +104,12 @@ mod tests {
     fn solutions_fulfil_their_rows() {
         let number = |k: usize| ((k * k) as f64 * 0.7).sin();
         let vector = |k: usize| Vector3::new(number(k), number(k + 1), number(k + 2));
-        let rows: [Paired; STRUTS] = std::array::from_fn(|s| Paired::new(vector(5 * s), vector(90 + 7 * s)));
+        let rows: SixStruts<Paired> = std::array::from_fn(|s| Paired::new(vector(5 * s), vector(90 + 7 * s)));
         let pairs = Pairs::new(&rows).unwrap();
         let g = std::array::from_fn(|s| number(200 + s));
         assert!(residual(&rows, &pairs.solve(&g), &g) < 1e-12);
-        for pair in 0..ARMS {
-            let mut g = [0.0; STRUTS];
+        for pair in three_arms() {
+            let mut g: SixStruts<f64> = each(0.0);
             (g[2 * pair], g[2 * pair + 1]) = (0.7, -0.2);
             assert!(residual(&rows, &pairs.solve_pair(pair, [0.7, -0.2]), &g) < 1e-12);
         }
@@ -117,6 +117,6 @@ mod tests {
         let forces = pairs.solve_transposed(&f);
         let sum = rows.iter().zip(forces).fold(Paired::ZERO, |sum, (row, t)| sum + *row * t) - f;
         assert!(sum.dot(&sum).sqrt() < 1e-12, "{sum:?}");
-        assert!(Pairs::new(&[rows[0]; STRUTS]).is_err());
+        assert!(Pairs::new(&each(rows[0])).is_err());
     }
 }

@@ -19,7 +19,7 @@ use super::rows::Rows;
 use super::structure::{MAX_ROWS, Structure};
 use crate::kinematics::{BodyMotion, SocketSet};
 use crate::machine::bodies::{SLOTS, strut};
-use crate::machine::{Inertia, MAX_STRUTS};
+use crate::machine::{Inertia, PerStrut};
 use crate::twin::rod::Rod;
 
 /// An elastic strut at one instant.
@@ -126,7 +126,7 @@ pub(super) fn eliminate(
 /// Adds the contributions of f to the right-hand sides.
 pub(super) fn load(
     eliminated: &[Eliminated],
-    f: &[f64; MAX_STRUTS],
+    f: &PerStrut<f64>,
     (structure, closed): (&Structure, SocketSet),
     w: &mut [Six; SLOTS],
     gamma: &mut [f64; MAX_ROWS],
@@ -160,7 +160,7 @@ pub(super) fn give(
 /// Writes ë of every elastic strut, m/s².
 pub(super) fn rates(
     eliminated: &[Eliminated],
-    f: &[f64; MAX_STRUTS],
+    f: &PerStrut<f64>,
     structure: &Structure,
     accelerations: &[Six; SLOTS],
     solution: &mut Solution,

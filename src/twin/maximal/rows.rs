@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use super::structure::{Joint, Kind, MAX_ROWS, Structure};
 use crate::kinematics::{Arm, BodyMotion, SocketSet};
 use crate::machine::bodies::SLOTS;
-use crate::machine::{Actuator, Geometry, MAX_STRUTS};
+use crate::machine::{Actuator, Geometry, PerStrut};
 use crate::numerics::with_turns;
 
 /// All rows at one pose; those of an open socket are zero.
@@ -31,7 +31,7 @@ impl Rows {
         &mut self,
         structure: &Structure,
         geometry: &Geometry,
-        lengths: &[f64; MAX_STRUTS],
+        lengths: &PerStrut<f64>,
         b: &[BodyMotion; SLOTS],
         closed: SocketSet,
     ) {

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 use crate::dynamics::Plant;
 use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, strut};
-use crate::machine::{Geometry, MAX_STRUTS, Pivot, Plate};
+use crate::machine::{Geometry, PerSocket, Pivot, Plate, each};
 
 /// Most rows of a machine, with the numbers that a robot without a telescope leaves out.
 pub const MAX_ROWS: usize = 88;
@@ -110,7 +110,7 @@ pub(super) struct Structure {
     /// Number of struts.
     pub struts: usize,
     /// First row of every socket.
-    pub socket: [usize; 2 * MAX_STRUTS],
+    pub socket: PerSocket<usize>,
     /// Shifts of inertia to the end effector of a telescope, and the bodies that they change.
     pub shifts: Vec<Shift>,
     pub shifted: &'static [usize],
@@ -133,7 +133,7 @@ impl Structure {
             blocks: std::array::from_fn(|_| 0..0),
             row: Vec::new(),
             struts: if plant.assembled { machine.struts() } else { 0 },
-            socket: [0; 2 * MAX_STRUTS],
+            socket: each(0),
             shifts: Vec::new(),
             shifted: &[],
             branches: Vec::new(),

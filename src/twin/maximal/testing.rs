@@ -12,8 +12,11 @@ use super::structure::Structure;
 use super::*;
 use crate::dynamics::inertial_wrench;
 use crate::kinematics::{JointState, Motion};
-use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{ARMS, Geometry, Joint, Limb, Mechanism, Members, Plate, STRUTS, Setup};
+use crate::machine::bodies::{self, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{
+    Geometry, Joint, Limb, Mechanism, Members, PerSocket, PerStrut, Plate, Setup, ThreeArms, each, six_struts,
+    three_arms,
+};
 use crate::model::testing::irb360;
 use crate::twin::absolute;
 
@@ -56,7 +59,7 @@ impl State {
         let joints = absolute::Joints::new(plant);
         let mut y = vec![0.0; joints.length()];
         joints.store(&mut y, plant, &motion);
-        y[joints.length() - 2 * STRUTS..].fill(0.0);
+        y[joints.length() - 2 * six_struts().len()..].fill(0.0);
         joints.motion(plant, &y)
     }
 }
@@ -65,11 +68,11 @@ impl State {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct JointReactions {
     /// Bearings: on the arms.
-    pub(super) arms: [Pair; ARMS],
+    pub(super) arms: ThreeArms<Pair>,
     /// Bearing of motor 4: on the rotor.
     pub(super) rotor: Pair,
     /// Ball sockets (elbows, then platform): force on the strut.
-    pub(super) sockets: [Vector3<f64>; MAX_SOCKETS],
+    pub(super) sockets: PerSocket<Vector3<f64>>,
     /// Revolute joint on the platform: on the end effector.
     pub(super) pivot: Pair,
     /// Rotor on upper telescope part.
@@ -84,7 +87,7 @@ impl MaximalCoordinates {
     /// Forces and moments of all joints from the last solution.
     pub(super) fn reactions(&self) -> JointReactions {
         JointReactions {
-            arms: std::array::from_fn(|i| self.wrench(ARM + i, 5 * i)),
+            arms: std::array::from_fn(|i| self.wrench(bodies::arm(i), 5 * i)),
             rotor: self.wrench(ROTOR, ROTOR_BEARING),
             sockets: self.socket_forces(),
             pivot: self.wrench(END_EFFECTOR, PIVOT),
@@ -186,7 +189,7 @@ pub(super) fn plants() -> [Plant; 4] {
             all[3].bodies[b] += Inertia::point(0.3, Vector3::new(0.02, 0.05, -0.04));
         }
     }
-    all[3].bodies[STRUT + 1] += Inertia::point(0.34, Vector3::new(0.5, 0.0, 0.0));
+    all[3].bodies[bodies::strut(1)] += Inertia::point(0.34, Vector3::new(0.5, 0.0, 0.0));
     all
 }
 
@@ -206,7 +209,7 @@ pub(super) fn joints(plant: &Plant, rng: &mut ChaCha8Rng) -> JointState {
 pub(super) fn rows_at(plant: &Plant, motion: &Motion, closed: SocketSet) -> (Structure, Rows) {
     let structure = Structure::new(plant);
     let mut rows = Rows::new(&structure);
-    let mut lengths = [0.0; MAX_STRUTS];
+    let mut lengths: PerStrut<f64> = each(0.0);
     (0..structure.struts).for_each(|s| lengths[s] = plant.geometry.strut_length(s));
     rows.fill(&structure, &plant.geometry, &lengths, &motion.bodies, closed);
     (structure, rows)
@@ -258,8 +261,8 @@ pub(super) fn velocities(motion: &Motion) -> [Pair; SLOTS] {
 pub(super) fn torques(tau: &[f64; 4]) -> [Pair; SLOTS] {
     let mut out = [STILL; SLOTS];
     for (a, tau) in tau.iter().enumerate() {
-        let (body, axis) = match a < ARMS {
-            true => (ARM + a, plant().geometry.limbs[a].tangential()),
+        let (body, axis) = match three_arms().contains(&a) {
+            true => (bodies::arm(a), plant().geometry.limbs[a].tangential()),
             false => (ROTOR, Vector3::z()),
         };
         out[body].1 += axis * *tau;
@@ -326,9 +329,9 @@ pub(super) fn hanging() -> (Plant, [BodyMotion; SLOTS]) {
     let joints = JointState { q: [FRAC_PI_2; 4], qd: [0.0; 4], qdd: [0.0; 4] };
     let mut bodies = Motion::disassembled(&g, &joints).bodies;
     let height = -g.limbs[0].arm_length - g.limbs[0].strut_length;
-    for s in 0..STRUTS {
-        bodies[STRUT + s].position = g.platform_ball(s) - Vector3::z() * g.limbs[0].arm_length;
-        bodies[STRUT + s].rotation = Rotation3::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2).into_inner();
+    for s in six_struts() {
+        bodies[bodies::strut(s)].position = g.platform_ball(s) - Vector3::z() * g.limbs[0].arm_length;
+        bodies[bodies::strut(s)].rotation = Rotation3::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2).into_inner();
     }
     // Rotor and cross axes are rotated equally by q4.
     for (b, z) in [

@@ -8,8 +8,8 @@ use super::testing::*;
 use super::*;
 use crate::dynamics::inertial_wrench;
 use crate::kinematics::{JointState, Motion};
-use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER};
-use crate::machine::{ARMS, STRUTS};
+use crate::machine::bodies::{self, ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER};
+use crate::machine::{every_strut, six_struts, three_arms};
 use crate::scenario::Formulation;
 use crate::twin::constraints::{self, ROWS, rows};
 use crate::twin::{Torque, Twin, energy};
@@ -45,11 +45,11 @@ fn agrees_with_the_closed_form_elimination() {
             let mut motion = plant.motion(&joints(&plant, &mut rng)).unwrap();
             let tau = std::array::from_fn(|i| rng.random_range(-1.0..1.0) * if i < 3 { 80.0 } else { 5.0 });
             let mut wrenches = torques(&tau);
-            for s in 0..STRUTS {
+            for s in six_struts() {
                 // 1 mrad/s: the restraint of the spins is stiff.
                 let spin = motion.strut_axis[s] * rng.random_range(-1e-3..1e-3);
-                motion.bodies[STRUT + s].angular_velocity += spin;
-                wrenches[STRUT + s].1 -= spin * plant.spin_damping;
+                motion.bodies[bodies::strut(s)].angular_velocity += spin;
+                wrenches[bodies::strut(s)].1 -= spin * plant.spin_damping;
             }
             let mut twin = Twin::new(plant.clone(), &motion).unwrap();
             let fast = twin.evaluate(&Torque::constant(tau)).unwrap();
@@ -65,7 +65,7 @@ fn agrees_with_the_closed_form_elimination() {
             }
             let axial = maximal.axial_forces(&fast.bodies);
             let largest = forces.upper.iter().fold(1f64, |x, f| x.max(f.abs()));
-            for s in 0..STRUTS {
+            for s in six_struts() {
                 worst_force = worst_force.max((axial.upper[s] - forces.upper[s]).abs() / largest);
                 worst_force = worst_force.max((axial.lower[s] - forces.lower[s]).abs() / largest);
             }
@@ -120,7 +120,7 @@ fn relatives_move_as_in_the_coordinates_of_their_drives() {
                 worst = worst.max((a.angular_acceleration - b.angular_acceleration).norm() / size);
             }
             let largest = reduced.reactions.upper.iter().fold(1f64, |x, f| x.max(f.abs()));
-            for s in 0..MAX_STRUTS {
+            for s in every_strut() {
                 worst_force =
                     worst_force.max((absolute.reactions.upper[s] - reduced.reactions.upper[s]).abs() / largest);
                 worst_force =
@@ -148,16 +148,16 @@ fn a_strut_without_sockets_flies_freely() {
     let closed = without(&[2, 8]);
     for _ in 0..20 {
         let mut motion = plant.motion(&joints(&plant, &mut rng)).unwrap();
-        motion.bodies[STRUT + 2].angular_velocity = vector(&mut rng, 20.0);
-        motion.bodies[STRUT + 2].velocity = vector(&mut rng, 5.0);
+        motion.bodies[bodies::strut(2)].angular_velocity = vector(&mut rng, 20.0);
+        motion.bodies[bodies::strut(2)].velocity = vector(&mut rng, 5.0);
         let solution = maximal.solve(&plant, &motion.bodies, closed, &[STILL; SLOTS], None).unwrap().clone();
-        let strut = with_accelerations(&motion, &solution)[STRUT + 2];
-        let centre = strut.rotation * plant.bodies[STRUT + 2].first_moment / plant.bodies[STRUT + 2].mass;
+        let strut = with_accelerations(&motion, &solution)[bodies::strut(2)];
+        let centre = strut.rotation * plant.bodies[bodies::strut(2)].first_moment / plant.bodies[bodies::strut(2)].mass;
         let (omega, alpha) = (strut.angular_velocity, strut.angular_acceleration);
         let falls = strut.acceleration + alpha.cross(&centre) + omega.cross(&omega.cross(&centre));
         assert!((falls - plant.gravity_vector()).norm() < 1e-11, "{falls}");
         // The only external load is weight, so that the inertial wrench with weight is zero.
-        let (force, moment) = inertial_wrench(&plant.bodies[STRUT + 2], &strut, &plant.gravity_vector());
+        let (force, moment) = inertial_wrench(&plant.bodies[bodies::strut(2)], &strut, &plant.gravity_vector());
         assert!(force.norm() < 1e-12 && moment.norm() < 1e-12, "{force} {moment}");
         assert_eq!((maximal.socket_forces()[2], maximal.socket_forces()[8]), (Vector3::zeros(), Vector3::zeros()));
     }
@@ -202,9 +202,9 @@ fn the_platform_falls_on_the_telescope_when_all_sockets_are_open() {
             worst = worst.max((force - bearing.0 + hooke.0).norm());
             worst = worst.max((moment - bearing.1 - drive + hooke.1 - at.cross(&(bearing.0 - hooke.0))).norm());
             // The arms are decoupled.
-            for i in 0..ARMS {
+            for i in three_arms() {
                 let (force, moment) =
-                    inertial_wrench(&plant.bodies[ARM + i], &bodies[ARM + i], &plant.gravity_vector());
+                    inertial_wrench(&plant.bodies[bodies::arm(i)], &bodies[bodies::arm(i)], &plant.gravity_vector());
                 worst = worst.max((force - joints.arms[i].0).norm());
                 worst = worst.max((moment - joints.arms[i].1 - plant.geometry.limbs[i].tangential() * tau[i]).norm());
             }
@@ -232,8 +232,8 @@ fn socket_forces_balance_each_strut_whatever_is_open() {
             let solution = maximal.solve(&plant, &motion.bodies, closed, &wrenches, None).unwrap().clone();
             let bodies = with_accelerations(&motion, &solution);
             let forces = maximal.socket_forces();
-            for s in 0..STRUTS {
-                let b = STRUT + s;
+            for s in six_struts() {
+                let b = bodies::strut(s);
                 let (force, moment) = inertial_wrench(&plant.bodies[b], &bodies[b], &plant.gravity_vector());
                 let lever = motion.strut_axis[s] * motion.strut_length[s];
                 worst = worst.max((force - wrenches[b].0 - forces[s] - forces[6 + s]).norm());
@@ -248,8 +248,8 @@ fn socket_forces_balance_each_strut_whatever_is_open() {
 #[test]
 fn a_strut_that_left_its_platform_ball_is_a_pendulum() {
     let (mut plant, mut maximal) = (plant(), MaximalCoordinates::new(&plant()));
-    for i in 0..ARMS {
-        plant.bodies[ARM + i].tensor *= 1e12; // held
+    for i in three_arms() {
+        plant.bodies[bodies::arm(i)].tensor *= 1e12; // held
     }
     let closed = without(&[6]);
     let joints = JointState { q: [0.4; 4], qd: [0.0; 4], qdd: [0.0; 4] };
@@ -349,8 +349,8 @@ fn impulses_conserve_momentum() {
             (is.0 - was.0, is.1 - was.1)
         };
         // All of the impulse on a free strut changes its own momentum.
-        let (p, l) = change(STRUT + 2);
-        assert!((p - impulses[STRUT + 2].0).norm() < 1e-12 && (l - impulses[STRUT + 2].1).norm() < 1e-12);
+        let (p, l) = change(bodies::strut(2));
+        assert!((p - impulses[bodies::strut(2)].0).norm() < 1e-12 && (l - impulses[bodies::strut(2)].1).norm() < 1e-12);
         // All others: impulses and bearing reactions only.
         let mut sum = joints.rotor.0 + joints.arms.iter().map(|a| a.0).sum::<Vector3<f64>>();
         for b in 0..BODIES {
@@ -409,14 +409,14 @@ fn bodies_without_inertia_are_solved_exactly() {
     // motion.
     let (mut full, mut rng, mut maximal) = (plant(), ChaCha8Rng::seed_from_u64(8), MaximalCoordinates::new(&plant()));
     full.bodies[PLATFORM] = Inertia::point(1.2, Vector3::zeros());
-    for i in 0..ARMS {
-        full.bodies[ARM + i] = Inertia::point(1.0, Vector3::new(0.1, 0.0, 0.02));
-        full.bodies[ARM + i] += Inertia::point(0.4, Vector3::new(0.3, 0.0, -0.03));
+    for i in three_arms() {
+        full.bodies[bodies::arm(i)] = Inertia::point(1.0, Vector3::new(0.1, 0.0, 0.02));
+        full.bodies[bodies::arm(i)] += Inertia::point(0.4, Vector3::new(0.3, 0.0, -0.03));
     }
     let bare = full.clone();
     full.bodies[PLATFORM] += Inertia::diagonal(0.0, [0.0; 3], [0.005, 0.005, 0.006]);
-    for i in 0..ARMS {
-        full.bodies[ARM + i] += Inertia::diagonal(0.0, [0.0; 3], [0.1, 0.0, 0.1]);
+    for i in three_arms() {
+        full.bodies[bodies::arm(i)] += Inertia::diagonal(0.0, [0.0; 3], [0.1, 0.0, 0.1]);
     }
     let (mut worst, mut size) = (0f64, 1f64);
     for _ in 0..50 {

@@ -8,8 +8,8 @@ use super::structure::{MAX_ROWS, Structure};
 use super::{Added, Solution, Stretch, inertia, pair, spatial};
 use crate::dynamics::Plant;
 use crate::kinematics::{BodyMotion, SocketSet};
-use crate::machine::MAX_STRUTS;
 use crate::machine::bodies::{END_EFFECTOR, SLOTS};
+use crate::machine::{PerStrut, each};
 use crate::numerics::worst;
 use crate::twin::SingularPose;
 
@@ -90,7 +90,7 @@ impl Workspace {
         stretches: Option<&[Stretch]>,
     ) -> Result<(), SingularPose> {
         let Self { structure, rows, .. } = self;
-        let mut lengths = [0.0; MAX_STRUTS];
+        let mut lengths: PerStrut<f64> = each(0.0);
         for (s, length) in lengths.iter_mut().enumerate().take(structure.struts) {
             *length = stretches.map_or_else(|| plant.geometry.strut_length(s), |all| all[s].length());
         }
@@ -199,7 +199,7 @@ impl Workspace {
         &mut self,
         loads: &[Six; SLOTS],
         gamma: &[f64; MAX_ROWS],
-        demand: &[f64; MAX_STRUTS],
+        demand: &PerStrut<f64>,
     ) -> Result<&Solution, SingularPose> {
         let (mut w, mut gamma) = (*loads, *gamma);
         flexible::load(&self.struts, demand, (&self.structure, self.closed), &mut w, &mut gamma);

@@ -5,7 +5,7 @@ use crate::cell::CellError;
 use crate::dynamics::{Plant, inverse_dynamics};
 use crate::kinematics::{JointState, KinematicsError, Motion, Target};
 use crate::machine::bodies::{SLOTS, body_name};
-use crate::machine::{AXES, MAX_STRUTS, Setup};
+use crate::machine::{PerAxis, Setup, each, every_axis, every_strut};
 use crate::model::Model;
 use crate::scenario::SUBSTEPS;
 use crate::twin::contacts::{Contacts, Surroundings};
@@ -35,7 +35,7 @@ impl<'a> Run<'a> {
         let trajectory = |reason| SimulationError::Trajectory { t: 0.0, reason };
         let fitted = |s: usize| options.sensors.strut_upper[s] || options.sensors.strut_lower[s];
         let struts = plant.mechanism.struts();
-        if let Some(s) = (struts..MAX_STRUTS).find(|&s| plant.assembled && fitted(s)) {
+        if let Some(s) = (struts..every_strut().end).find(|&s| plant.assembled && fitted(s)) {
             return Err(SimulationError::NoStrut { strut: s + 1, struts });
         }
         possible(options, &plant)?;
@@ -141,9 +141,9 @@ fn contacts(options: &Options, plant: &Plant, start: &Motion) -> Result<Option<B
 
 /// Joint state in equilibrium with encoder readings `wanted`, and the deflections of elastic gears, rad: compliance
 /// times transmitted torque.
-fn balance(plant: &Plant, wanted: &JointState) -> Result<(JointState, [f64; AXES]), KinematicsError> {
+fn balance(plant: &Plant, wanted: &JointState) -> Result<(JointState, PerAxis<f64>), KinematicsError> {
     let mut own = plant.steady_states(0.0, &plant.motion(wanted)?);
-    let mut deflection = [0.0; AXES];
+    let mut deflection: PerAxis<f64> = each(0.0);
     for (k, active) in plant.effects.iter().enumerate() {
         let Some(gears) = active.gear_springs() else { continue };
         let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
@@ -151,7 +151,7 @@ fn balance(plant: &Plant, wanted: &JointState) -> Result<(JointState, [f64; AXES
         for (i, gear) in gears.iter().enumerate().filter(|(_, g)| g.is_elastic()) {
             deflection[i] = gear.compliance * (torque[i] - gear.rotor_inertia * wanted.qdd[i]);
         }
-        own[k][..AXES].copy_from_slice(&deflection);
+        own[k][every_axis()].copy_from_slice(&deflection);
     }
     let mut joints = plant.behind_encoders(wanted);
     for (q, deflection) in joints.q.iter_mut().zip(deflection) {

@@ -14,8 +14,7 @@ use deltatwin::constraint_forces::{Detail, Multipliers, constraint_forces};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::identification::{Dataset, residuals};
 use deltatwin::kinematics::JointState;
-use deltatwin::kinematics::motion::MAX_SOCKETS;
-use deltatwin::machine::{Setup, Unit};
+use deltatwin::machine::{PerSocket, Setup, Unit};
 use deltatwin::model::Model;
 use deltatwin::recording::{Channel, Series};
 use deltatwin::text::significant;
@@ -144,7 +143,7 @@ fn compute(
 }
 
 /// Margins of all sockets at one instant, N.
-type Margins = [f64; MAX_SOCKETS];
+type Margins = PerSocket<f64>;
 
 /// One multiplier.
 struct Row {

@@ -7,7 +7,7 @@ use crate::data::{Data, DataArgs};
 use crate::terminal::{BAD_ANSWER, DONE, Table, say, warn};
 use deltatwin::evidence::noise::{covariance, difference_covariance, rests};
 use deltatwin::identification::Dataset;
-use deltatwin::machine::{AXES, Unit};
+use deltatwin::machine::{PerAxis, Unit, each, every_axis};
 use deltatwin::recording::Channel;
 use deltatwin::text::significant;
 
@@ -23,7 +23,7 @@ pub struct Args {
 }
 
 /// Widest range of an angle at rest, rad: about ten encoder steps.
-const BAND: f64 = 6e-5;
+const BAND: PerAxis<f64> = each(6e-5);
 /// Shortest interval at rest, and time discarded at its ends, s.
 const SHORTEST: f64 = 0.05;
 const SETTLING: f64 = 0.01;
@@ -57,9 +57,9 @@ impl TorqueNoise {
         for dataset in datasets {
             let first = torques[0].len();
             let shifted = |r: &std::ops::Range<usize>| first + r.start..first + r.end;
-            let angles: Vec<Vec<f64>> = (0..AXES).map(|i| dataset.joints.iter().map(|j| j.q[i]).collect()).collect();
+            let angles: Vec<Vec<f64>> = every_axis().map(|i| dataset.joints.iter().map(|j| j.q[i]).collect()).collect();
             let samples = |time: f64| (time / dataset.dt).ceil() as usize;
-            for rest in rests(&angles, &dataset.segments, &[BAND; AXES], samples(SHORTEST)) {
+            for rest in rests(&angles, &dataset.segments, &BAND, samples(SHORTEST)) {
                 let inner = rest.start + samples(SETTLING)..rest.end - samples(SETTLING);
                 rest_time += inner.len() as f64 * dataset.dt;
                 still.push(shifted(&inner));

@@ -1,7 +1,7 @@
 //! Friction in the joints, as far as other programs have its laws.
 
 use deltatwin::effects::{ActiveEffect, Kind};
-use deltatwin::machine::AXES;
+use deltatwin::machine::PerAxis;
 use deltatwin::model::Model;
 
 /// Friction of a joint: −c·sign(v) − d·v.
@@ -17,7 +17,7 @@ pub(super) struct Friction {
 #[derive(Default)]
 pub(super) struct Frictions {
     /// At the drives.
-    pub drives: [Friction; AXES],
+    pub drives: PerAxis<Friction>,
     /// In the telescope's sliding joint.
     pub telescope: Friction,
     /// About each cross axis of the telescope's Hooke joints.

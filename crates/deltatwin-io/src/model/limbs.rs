@@ -2,7 +2,7 @@
 
 use deltatwin::dynamics::ChannelMap;
 use deltatwin::kinematics::{JointState, Motion};
-use deltatwin::machine::{Actuator, Geometry, Limb, MAX_LIMBS, Mechanism, Plate, Unit};
+use deltatwin::machine::{Actuator, Geometry, Limb, Mechanism, Plate, Unit, every_limb};
 use deltatwin::recording::Channel;
 use nalgebra::Vector3;
 use toml::de::DeValue;
@@ -32,9 +32,10 @@ pub(super) fn read(top: &Table) -> Checked<Geometry> {
         let path = format!("limbs {}", i + 1);
         limbs.push(read_limb(&Table { source: top.source, path, span: item.span(), entries }, &plate)?);
     }
+    let most = every_limb().len();
     let joint = |limb: &Limb| limb.actuator.joint();
     let why = match &limbs[..] {
-        _ if !(2..=MAX_LIMBS).contains(&limbs.len()) => Some(format!("expected 2 to {MAX_LIMBS} limbs")),
+        _ if !(2..=most).contains(&limbs.len()) => Some(format!("expected 2 to {most} limbs")),
         all if all.windows(2).any(|w| joint(&w[0]) != joint(&w[1])) => {
             Some("expected shafts on all limbs, or an `inclination` on all of them".into())
         }

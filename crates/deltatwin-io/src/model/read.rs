@@ -10,7 +10,8 @@ use deltatwin::effects::{ActiveEffect, Count, Effect, Effects, Host, Parameter, 
 use deltatwin::machine::bodies::{self, SLOTS, body_name};
 use deltatwin::machine::check::{self, Culprit};
 use deltatwin::machine::{
-    AXES, Actuator, Axis, Bodies, Drive, Effort, Geometry, Inertia, Joint, LinkParameters, Mechanism, Members, Stops,
+    Actuator, Axis, Bodies, Drive, Effort, Geometry, Inertia, Joint, LinkParameters, Mechanism, Members, PerAxis,
+    Stops, each,
 };
 use deltatwin::model::{Added, Model};
 use miette::{Result, WrapErr, miette};
@@ -363,10 +364,10 @@ fn read_inertia(table: &Table, mechanism: Mechanism) -> Checked<Inertia> {
     }
 }
 
-fn read_drives(table: &Table, mechanism: Mechanism) -> Checked<[Drive; AXES]> {
+fn read_drives(table: &Table, mechanism: Mechanism) -> Checked<PerAxis<Drive>> {
     let groups = schema::drive_groups(mechanism);
     table.only(&groups.iter().map(|(name, _)| *name).collect::<Vec<_>>())?;
-    let mut drives = [schema::DRIVE_ZERO; AXES];
+    let mut drives: PerAxis<_> = each(schema::DRIVE_ZERO);
     for (name, range) in groups {
         let drives = &mut drives[range.clone()];
         let table = table.table(name)?;

@@ -6,7 +6,8 @@ use std::fmt::Display;
 
 use deltatwin::effects::{Count, Parameter};
 use deltatwin::machine::{
-    ARMS, AXES, Actuator, Axis, Drive, Geometry, Inertia, Joint, Limb, Mechanism, Noise, Sockets, Stops, Unit,
+    Actuator, Axis, Drive, Geometry, Inertia, Joint, Limb, Mechanism, Noise, Sockets, Stops, TELESCOPE_AXIS, Unit,
+    each, every_axis, three_arms,
 };
 use nalgebra::{Matrix3, Vector3};
 
@@ -204,7 +205,7 @@ const STRUT_LENGTH: Field<Geometry> = Field {
     key: "strut_length",
     unit: Some(Unit::M),
     about: "ball to ball, one for all or one per limb",
-    shape: Shape::OneOrArray(ARMS),
+    shape: Shape::OneOrArray(three_arms().end),
     bounds: LENGTH,
     always: false,
     default: None,
@@ -423,7 +424,7 @@ macro_rules! drive {
             key: stringify!($key),
             unit: Some($unit),
             about: $about,
-            shape: Shape::OneOrArray(ARMS),
+            shape: Shape::OneOrArray(three_arms().end),
             bounds: $bounds,
             always: true,
             default: None,
@@ -542,7 +543,7 @@ pub(super) fn drive_groups(machine: Mechanism) -> Vec<(&'static str, std::ops::R
     match machine {
         Mechanism::Delta { .. } => {
             let arms = ("arm", 0..machine.arms());
-            let telescope = machine.has_telescope().then_some(("telescope", ARMS..AXES));
+            let telescope = machine.has_telescope().then_some(("telescope", TELESCOPE_AXIS..every_axis().end));
             std::iter::once(arms).chain(telescope).collect()
         }
         Mechanism::Axis(_) => vec![("axis", 0..1)],
@@ -555,4 +556,4 @@ pub(super) const DRIVE_ZERO: Drive =
 pub(super) const SOCKETS_ZERO: Sockets =
     Sockets { ball_radius: 0.0, preload: 0.0, dislocation_force: 0.0, clamp_share: 0.0, spin_damping: 0.0 };
 
-pub(super) const NOISE_ZERO: Noise = Noise { torque: [0.0; AXES], strut_force: 0.0 };
+pub(super) const NOISE_ZERO: Noise = Noise { torque: each(0.0), strut_force: 0.0 };

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use deltatwin::machine::{AXES, Axis, Configuration, Effort, Joint, Mechanism, Payload, Setup};
+use deltatwin::machine::{Axis, Configuration, Effort, Joint, Mechanism, Payload, PerAxis, Setup, each, every_axis};
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -246,12 +246,13 @@ fn payload(source: &Source, load: &Load) -> Checked<Payload> {
     Ok(payload)
 }
 
-fn torque_noise(source: &Source, noise: &Noise) -> Checked<Option<[f64; AXES]>> {
+fn torque_noise(source: &Source, noise: &Noise) -> Checked<Option<PerAxis<f64>>> {
     let Some(values) = &noise.torque else { return Ok(None) };
-    let mut sigma = [0.0; AXES];
+    let mut sigma: PerAxis<f64> = each(0.0);
     let n = values.get_ref().len();
-    if ![1, 3, AXES].contains(&n) {
-        let message = format!("`noise.torque` has {n} numbers; expected one per axis: 1, 3 or {AXES}");
+    let most = every_axis().len();
+    if ![1, 3, most].contains(&n) {
+        let message = format!("`noise.torque` has {n} numbers; expected one per axis: 1, 3 or {most}");
         return Err(source.problem(values.span(), message));
     }
     for (s, v) in sigma.iter_mut().zip(values.get_ref()) {

@@ -62,7 +62,7 @@ pub fn drives(plan: &Plan, limits: &Limits, axes: usize) -> Figure {
             let k = (0..deltatwin::planner::verify::CHECKED).find(|&k| checked(k) == kind(axis)).unwrap_or_default();
             let of = plan.uses.iter().map(|u| if signed { u.ratio[k].copysign(u.value[k]) } else { u.ratio[k] });
             Line::new(format!("axis {}", axis + 1), s.clone(), of.collect())
-                .color(Color::AXES[axis % Color::AXES.len()])
+                .color(Color::OF_AXIS[axis % Color::OF_AXIS.len()])
         });
         curves.chain(limit(&s, 1.0, "limit")).collect()
     };

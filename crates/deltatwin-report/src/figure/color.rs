@@ -40,7 +40,7 @@ impl Color {
     /// Dark red, for what is wrong or breaks; unlike [`Color::VERMILION`] not of a model.
     pub const BAD: Color = Color(0xb8, 0x32, 0x27);
     /// The axes of a machine in order; a fifth has the first again.
-    pub const AXES: [Color; 4] =
+    pub const OF_AXIS: [Color; 4] =
         [Color(0x7a, 0x5c, 0xc4), Color(0x94, 0x62, 0x00), Color(0x3f, 0x7f, 0x88), Color(0xb0, 0x57, 0x8a)];
 
     /// Relative luminance after WCAG 2.2.
@@ -137,10 +137,10 @@ const SHADES: [Shade; 16] = [
     shade("good", Color::GOOD, 0x3d_7a1f, 0x8f_ce5c),
     shade("amber", Color::DOUBTFUL, 0x8a_5d00, 0xe0_a030),
     shade("bad", Color::BAD, 0xb8_3227, 0xf0_776b),
-    shade("axis-1", Color::AXES[0], 0x7a_5cc4, 0xb4_9ef0),
-    shade("axis-2", Color::AXES[1], 0x94_6200, 0xd8_bd62),
-    shade("axis-3", Color::AXES[2], 0x3f_7f88, 0x8f_c3ca),
-    shade("axis-4", Color::AXES[3], 0xb0_578a, 0xe0_9cc3),
+    shade("axis-1", Color::OF_AXIS[0], 0x7a_5cc4, 0xb4_9ef0),
+    shade("axis-2", Color::OF_AXIS[1], 0x94_6200, 0xd8_bd62),
+    shade("axis-3", Color::OF_AXIS[2], 0x3f_7f88, 0x8f_c3ca),
+    shade("axis-4", Color::OF_AXIS[3], 0xb0_578a, 0xe0_9cc3),
 ];
 
 /// The palette as variables of a page's style, `--measured` and so on; on a dark screen lines of pictures have them, too.

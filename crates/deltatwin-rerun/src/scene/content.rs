@@ -5,9 +5,8 @@ use nalgebra::{Isometry3, Vector3};
 use super::AXIS;
 use super::assets::Assets;
 use deltatwin::cell::{Object, Shape};
-use deltatwin::kinematics::motion::MAX_SOCKETS;
 use deltatwin::machine::bodies::SLOTS;
-use deltatwin::machine::{AXES, Geometry, MAX_STRUTS, Mechanism, Unit};
+use deltatwin::machine::{Geometry, Mechanism, PerAxis, PerSocket, PerStrut, Unit};
 use deltatwin::recording::{Channel, Recording};
 pub use deltatwin::recording::{Level, Note};
 
@@ -23,7 +22,7 @@ pub struct Scene<'a> {
     pub geometry: &'a Geometry,
     /// Mean torque residual over 20 ms per frame and axis, in standard deviations σ of the noise of such a mean; colours
     /// arms and telescope from green (1 σ) to red (6 σ).
-    pub residual: Option<Vec<[f64; AXES]>>,
+    pub residual: Option<Vec<PerAxis<f64>>>,
     /// Other poses of the robot, one set per frame, that are shown as a ghost where they differ.
     pub ghost: Option<Vec<[Isometry3<f64>; SLOTS]>>,
     /// What the ghost is, for the legend.
@@ -35,9 +34,9 @@ pub struct Scene<'a> {
     /// Meshes of the user.
     pub assets: Option<&'a Assets>,
     /// Share of its hold that each socket uses, per frame: six at the elbows, six at the platform; 1 is the limit.
-    pub used: Option<Vec<[f64; MAX_SOCKETS]>>,
+    pub used: Option<Vec<PerSocket<f64>>>,
     /// Struts with an open socket, per frame.
-    pub loose: Option<Vec<[bool; MAX_STRUTS]>>,
+    pub loose: Option<Vec<PerStrut<bool>>>,
     /// Shape of the payload and its centre in the end effector's frame, m.
     pub payload: Option<(Shape, Vector3<f64>)>,
     /// Objects around the robot.
@@ -57,7 +56,7 @@ pub struct After {
     /// What the later model has in addition, in words.
     pub name: String,
     /// Torque residual like [`Scene::residual`].
-    pub residual: Vec<[f64; AXES]>,
+    pub residual: Vec<PerAxis<f64>>,
     /// Poses like [`Scene::ghost`].
     pub ghost: Option<Vec<[Isometry3<f64>; SLOTS]>>,
 }

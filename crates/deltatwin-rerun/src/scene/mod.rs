@@ -14,6 +14,7 @@ mod solids;
 mod things;
 mod trail;
 
+use deltatwin::machine::PerAxis;
 use std::io::Write;
 use std::path::Path;
 
@@ -28,7 +29,6 @@ pub use content::{
 };
 pub use live::{Live, Viewer};
 
-use deltatwin::machine::AXES;
 use deltatwin_io::file::{self, WriteError};
 use known::Known;
 use layout::layout;
@@ -42,7 +42,7 @@ const EVENTS: &str = "events";
 const TEXT: &str = "verdict";
 
 /// Colours of axes 1–4 in plots.
-const AXIS: [[u8; 3]; AXES] = [[76, 140, 220], [235, 125, 40], [90, 175, 95], [170, 105, 200]];
+const AXIS: PerAxis<[u8; 3]> = [[76, 140, 220], [235, 125, 40], [90, 175, 95], [170, 105, 200]];
 
 /// Writes a scene with a layout as an `.rrd` file; an existing file is replaced.
 ///
@@ -176,7 +176,7 @@ mod tests {
 
     use deltatwin::cell::{Mobility, Object, Shape, Surface};
     use deltatwin::kinematics::{JointState, Motion};
-    use deltatwin::machine::{Actuator, Delta, Geometry, Mechanism};
+    use deltatwin::machine::{Actuator, Delta, Geometry, Mechanism, each};
     use deltatwin::recording::{Channel, Recording, Signals};
 
     /// The machine with arms at angle `phi` (rad), and axis 4 rotating.
@@ -214,10 +214,10 @@ mod tests {
         let mut scene = Scene::new(Mechanism::default(), &g, times.clone(), poses(0.3));
         let has = |scene: &Scene, entity: &str| entities(scene).contains(entity);
         assert!(!has(&scene, "/world/ghost/arm1") && !has(&scene, "/world/contacts") && !has(&scene, "/world/legend"));
-        scene.residual = Some(vec![[0.0; AXES]; 2]);
+        scene.residual = Some(vec![each(0.0); 2]);
         scene.ghost = Some(poses(0.4));
         scene.ghost_name = "model".into();
-        scene.after = Some(After { name: "with more".into(), residual: vec![[9.0; AXES]; 2], ghost: None });
+        scene.after = Some(After { name: "with more".into(), residual: vec![each(9.0); 2], ghost: None });
         let contact = Contact { at: Vector3::new(0.0, 0.0, -1.0), force: Vector3::new(0.0, 0.0, 50.0) };
         scene.contacts = Some(vec![vec![contact, contact], vec![contact]]);
         for entity in
@@ -250,10 +250,10 @@ mod tests {
         let g = geometry();
         let times: Vec<f64> = (0..100).map(|i| f64::from(i) * 0.02).collect();
         let motions: Vec<Motion> = times.iter().map(|t| lift(&g, 0.3 + 0.4 * (3.0 * t).sin())).collect();
-        let residual: Vec<[f64; AXES]> = times.iter().map(|t| [0.0, 3.5, 3.0 * t, 9.0]).collect();
+        let residual: Vec<PerAxis<f64>> = times.iter().map(|t| [0.0, 3.5, 3.0 * t, 9.0]).collect();
         let mut recording = Recording::default();
         let q: Vec<_> = motions.iter().map(|m| m.q).collect();
-        let tau: Vec<_> = times.iter().map(|t| [9.0 * t.sin(); AXES]).collect();
+        let tau: Vec<_> = times.iter().map(|t| each(9.0 * t.sin())).collect();
         let margins: Vec<_> = times.iter().map(|t| [200.0 - t; 6]).collect();
         recording.signals = Signals::of_drives(Default::default(), times.clone(), &q, &tau);
         recording.signals.set(Channel::StrutUpper(0), times.iter().map(|t| 30.0 * t.cos()).collect());

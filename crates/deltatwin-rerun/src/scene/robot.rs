@@ -11,7 +11,7 @@ use super::solids::{BRASS, STEEL, balls, parts};
 use super::{Outcome, assets, color, frames, paint, point, quaternion, things};
 use deltatwin::cell::links::BALL_RADIUS;
 use deltatwin::machine::bodies::{BodyKind, END_EFFECTOR, PLATFORM, ROTOR, SLOTS, body_kind, body_name, strut};
-use deltatwin::machine::{AXES, MAX_STRUTS, Mechanism};
+use deltatwin::machine::{Mechanism, PerAxis, PerStrut};
 use deltatwin::model::MeshPart;
 
 /// Roots of the robots' entities.
@@ -40,7 +40,7 @@ pub(super) struct Figure<'s> {
     /// Poses, one set per frame.
     pub bodies: &'s [[Isometry3<f64>; SLOTS]],
     /// Residual that colours it.
-    pub residual: Option<&'s [[f64; AXES]]>,
+    pub residual: Option<&'s [PerAxis<f64>]>,
     /// Whether it is transparent and of one colour.
     pub is_ghost: bool,
 }
@@ -250,7 +250,7 @@ pub(super) fn appearance(rec: &RecordingStream, scene: &Scene, known: &mut Known
         let Some(loose) = scene.loose.as_ref().filter(|_| is_assembled(scene)) else { continue };
         for (pair, end) in clamp_springs(scene) {
             let entity = spring_entity(&figure, pair, end);
-            let radius = |open: &[bool; MAX_STRUTS]| if open[2 * pair] || open[2 * pair + 1] { 0.0 } else { WIRE };
+            let radius = |open: &PerStrut<bool>| if open[2 * pair] || open[2 * pair + 1] { 0.0 } else { WIRE };
             let (times, radii) = known.changes(&entity, &scene.times, loose.iter().map(|open| radius(open).to_bits()));
             if !times.is_empty() {
                 let columns = a::LineStrips3D::update_fields().with_radii(radii.into_iter().map(f32::from_bits));

@@ -8,7 +8,7 @@ use super::known::Known;
 use super::paint::{GHOST, heat};
 use super::robot::{AFTER, is_assembled};
 use super::{AXIS, Outcome, color, frames, point};
-use deltatwin::machine::AXES;
+use deltatwin::machine::PerAxis;
 use deltatwin::machine::bodies::PLATFORM;
 
 /// Time that the trail of a stream goes back, s.
@@ -20,7 +20,7 @@ const LEGEND: [(f64, &str); 3] =
 const LINE: (f32, f32) = (0.06, 0.07);
 
 /// Colour of the axis with the largest residual.
-fn worst(residual: &[f64; AXES]) -> [u8; 3] {
+fn worst(residual: &PerAxis<f64>) -> [u8; 3] {
     heat(residual.iter().fold(0.0f64, |most, x| most.max(x.abs())))
 }
 
@@ -31,7 +31,7 @@ pub(super) fn whole(rec: &RecordingStream, scene: &Scene) -> Outcome {
     }
     let path: Vec<_> = scene.bodies.iter().map(|b| point(b[PLATFORM].translation.vector)).collect();
     // One piece per frame, in the colour of the residual there.
-    let coloured = |residual: &[[f64; AXES]]| {
+    let coloured = |residual: &[PerAxis<f64>]| {
         a::LineStrips3D::new(path.windows(2).map(<[_]>::to_vec))
             .with_colors(residual.iter().skip(1).map(|r| color(worst(r))))
             .with_radii([0.002f32])

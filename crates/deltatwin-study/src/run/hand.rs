@@ -4,7 +4,7 @@ use deltatwin::constraint_forces::{Detail, Loads, Statics, constraint_forces};
 use deltatwin::dynamics::Plant;
 use deltatwin::kinematics::Motion;
 use deltatwin::machine::bodies::END_EFFECTOR;
-use deltatwin::machine::{ARMS, STRUTS};
+use deltatwin::machine::{each, six_struts};
 use deltatwin::scenario::DesiredMotion;
 use deltatwin::twin::Sample;
 use deltatwin::twin::sockets::socket_name;
@@ -80,20 +80,21 @@ fn peak(struts: usize, trace: &[Sample]) -> (f64, usize, f64) {
 
 /// Parts of a strut's force at one instant, of three limbs: what the tilting torque causes there, and what the estimate omits.
 fn explained(plant: &Plant, motion: &Motion, (socket, force, time): (usize, f64, f64)) -> Option<String> {
-    let strut = socket % STRUTS;
+    let struts = six_struts().len();
+    let strut = socket % struts;
     let statics = Statics::of(plant, motion, Detail::Complete).ok()?;
     let none = (Vector3::zeros(), Vector3::zeros());
     let (weight, moment) = payload_load(plant, motion);
     let tilting = Vector3::new(moment.x, moment.y, 0.0);
     let alone = |platform| {
-        let loads = Loads { end_effector: none, platform, struts: [0.0; STRUTS], arms: [0.0; ARMS] };
+        let loads = Loads { end_effector: none, platform, struts: each(0.0), arms: each(0.0) };
         statics.solve(&loads).lambda_p[strut]
     };
     let (couple, carried) = (alone((Vector3::zeros(), tilting)), alone((weight, Vector3::zeros())));
     let own = plant.steady_states(0.0, motion);
     let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
     let all = constraint_forces(plant, 0.0, motion, &states, Detail::Complete).ok()?;
-    let rigid = if socket < STRUTS { all.lambda_s[strut] } else { all.lambda_p[strut] };
+    let rigid = if socket < struts { all.lambda_s[strut] } else { all.lambda_p[strut] };
     let sign = rigid.signum();
     let [couple, carried, total] = [couple, carried, rigid].map(|x| sign * x);
     let hand = tilting.norm() / plant.geometry.limbs[0].pair_distance;
@@ -103,7 +104,7 @@ fn explained(plant: &Plant, motion: &Motion, (socket, force, time): (usize, f64,
          {hand:.0} N of the formula, struts {incline:.0}° from the vertical), weight and acceleration of the payload \
          {carried:.0} N, platform, struts, telescope and friction {:.0} N, the control loop {:.0} N; the formula has none \
          of the last three",
-        socket_name(socket, STRUTS),
+        socket_name(socket, struts),
         total - couple - carried,
         force - total
     ))

@@ -6,8 +6,8 @@ use deltatwin::cell::Shape;
 use deltatwin::constraint_forces::{Detail, constraint_forces};
 use deltatwin::dynamics::{Plant, inertial_wrench};
 use deltatwin::kinematics::Motion;
-use deltatwin::machine::bodies::{END_EFFECTOR, STRUT};
-use deltatwin::machine::{Payload, STRUTS};
+use deltatwin::machine::bodies::{self, END_EFFECTOR};
+use deltatwin::machine::{Payload, six_struts};
 use deltatwin_io::outside::Access;
 use deltatwin_io::{model, scenario};
 use nalgebra::Vector3;
@@ -69,11 +69,11 @@ fn by_inverse_dynamics(case: &Case) -> (f64, f64) {
         let own = plant.steady_states(0.0, &motion);
         let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
         let forces = constraint_forces(&plant, 0.0, &motion, &states, Detail::Complete).unwrap();
-        for strut in 0..STRUTS {
-            let body = &motion.bodies[STRUT + strut];
+        for strut in six_struts() {
+            let body = &motion.bodies[bodies::strut(strut)];
             let (u, length) = (motion.strut_axis[strut], motion.strut_length[strut]);
             // Newton and Euler for the rod about its upper ball: F_upper + F_lower = f, L·u × F_lower = m.
-            let (f, m) = inertial_wrench(&plant.bodies[STRUT + strut], body, &plant.gravity_vector());
+            let (f, m) = inertial_wrench(&plant.bodies[bodies::strut(strut)], body, &plant.gravity_vector());
             let across_lower = m.cross(&u) / length;
             let across_upper = f - u * f.dot(&u) - across_lower;
             let [upper, lower] = [forces.lambda_s[strut], forces.lambda_p[strut]];
@@ -123,7 +123,7 @@ fn relatives_are_judged_by_the_margins_of_their_inverse_dynamics() {
 /// Vector from the second to the first upper ball of a pair.
 fn ball(motion: &Motion, first: bool, strut: usize) -> Vector3<f64> {
     let (a, b) = if first { (strut, strut + 1) } else { (strut - 1, strut) };
-    motion.bodies[STRUT + a].position - motion.bodies[STRUT + b].position
+    motion.bodies[bodies::strut(a)].position - motion.bodies[bodies::strut(b)].position
 }
 
 #[test]
@@ -198,7 +198,10 @@ fn a_tilting_weight_at_rest_by_hand() {
     assert!(middle.hand.unwrap().torque < 1e-9);
     // The weakest socket is one of limbs 2 and 3, and nothing happens.
     let weakest = (0..12).min_by(|&a, &b| beside.sockets[a].total_cmp(&beside.sockets[b])).unwrap();
-    assert!((2..6).contains(&(weakest % STRUTS)) && beside.survived && beside.sequence.is_empty(), "{beside:?}");
+    assert!(
+        (2..6).contains(&(weakest % six_struts().len())) && beside.survived && beside.sequence.is_empty(),
+        "{beside:?}"
+    );
 }
 
 #[test]

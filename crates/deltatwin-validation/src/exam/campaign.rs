@@ -15,7 +15,7 @@ use deltatwin::effects::rigid_bodies::{self, RigidBodies};
 use deltatwin::effects::{self, Effect, Role};
 use deltatwin::identification::NoiseLevel;
 use deltatwin::identification::{Dataset, FitError, Residuals};
-use deltatwin::machine::{AXES, Actuator, Payload, Setup};
+use deltatwin::machine::{Actuator, Payload, PerAxis, Setup, each};
 use deltatwin::model::Model;
 use deltatwin::recording::{Channel, Recording};
 use deltatwin::scenario::Sensors;
@@ -105,14 +105,14 @@ pub enum CampaignError {
 }
 
 /// Torque noise relative to that of the model.
-const NOISE: [f64; AXES] = [0.8, 0.8, 0.8, 1.0];
+const NOISE: PerAxis<f64> = [0.8, 0.8, 0.8, 1.0];
 /// Payload on the reference machine: mass (kg), centre of mass (m), inertia about z (kg·m²).
 const PAYLOAD: (f64, [f64; 3], f64) = (2.5, [0.03, -0.02, -0.08], 0.012);
 /// Largest force of a drive of the reference machine at the elbow, 132 N·m over 0.5 m, N.
 const REFERENCE_FORCE: f64 = 264.0;
 
 /// Standard deviation of the torque noise on a machine, N·m or N.
-fn torque_noise(model: &Model) -> [f64; AXES] {
+fn torque_noise(model: &Model) -> PerAxis<f64> {
     std::array::from_fn(|axis| NOISE[axis] * model.noise.torque[axis])
 }
 
@@ -272,7 +272,7 @@ impl Prepared {
                 ..Options::default()
             };
             // The twin's sensors quantise; noise is added later.
-            let quiet = Setup { torque_noise: Some([0.0; AXES]), ..setup };
+            let quiet = Setup { torque_noise: Some(each(0.0)), ..setup };
             let mut machine = robot.clone();
             machine.noise.strut_force = 0.0;
             let measured = simulate(&machine, &quiet, &believed, &|t| motions[k].at(t), &options, &mut |t| {

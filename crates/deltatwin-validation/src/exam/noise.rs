@@ -4,7 +4,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use deltatwin::machine::AXES;
+use deltatwin::machine::{PerAxis, each};
 use deltatwin::recording::{Channel, Signals};
 
 /// Kind of torque noise. Its standard deviation over the recording is the stated one for every kind, except that the
@@ -55,7 +55,7 @@ const WALK: f64 = 0.3;
 const SPEED_TIME: f64 = 8e-3;
 
 /// Adds noise with the standard deviations `torque` (N·m per axis) and `force` (N).
-pub fn lay(kind: Noise, torque: &[f64; AXES], force: f64, signals: &mut Signals, rng: &mut ChaCha8Rng) {
+pub fn lay(kind: Noise, torque: &PerAxis<f64>, force: f64, signals: &mut Signals, rng: &mut ChaCha8Rng) {
     let axes = signals.mechanism.axes();
     let envelope = if kind == Noise::Speed { growth(signals, axes) } else { Vec::new() };
     let memory = MEMORY.0 * (MEMORY.1 / MEMORY.0).powf(rng.random_range(0.0..1.0));
@@ -66,10 +66,10 @@ pub fn lay(kind: Noise, torque: &[f64; AXES], force: f64, signals: &mut Signals,
     let common = if a > 0.0 { COMMON } else { 0.0 };
     let walk = WALK / (signals.len().max(1) as f64).sqrt();
     let mut shared = normal(rng);
-    let mut own: [f64; AXES] = std::array::from_fn(|_| normal(rng));
-    let mut bias = [0.0; AXES];
+    let mut own: PerAxis<f64> = std::array::from_fn(|_| normal(rng));
+    let mut bias: PerAxis<f64> = each(0.0);
     let fresh = (1.0 - a * a).sqrt();
-    let mut rows: Vec<[f64; AXES]> = signals.tau().iter().collect();
+    let mut rows: Vec<PerAxis<f64>> = signals.tau().iter().collect();
     for (k, tau) in rows.iter_mut().enumerate() {
         for i in 0..axes {
             let scale = envelope.get(k).map_or(1.0, |e| e[i]);
@@ -93,10 +93,10 @@ fn normal(rng: &mut ChaCha8Rng) -> f64 {
 }
 
 /// Scale of the noise at every sample, with mean square one: 1 + growth·|q̇|/rms(q̇).
-fn growth(signals: &Signals, axes: usize) -> Vec<[f64; AXES]> {
+fn growth(signals: &Signals, axes: usize) -> Vec<PerAxis<f64>> {
     let n = signals.len();
     let reach = ((0.5 * SPEED_TIME / signals.sample_time()).round() as usize).clamp(1, n.max(2) / 2);
-    let mut scale = vec![[1.0; AXES]; n];
+    let mut scale = vec![each(1.0); n];
     for i in 0..axes {
         let q = &signals[Channel::Angle(i)];
         let speed: Vec<f64> = (0..n)
@@ -125,11 +125,11 @@ mod tests {
     use rand_chacha::rand_core::SeedableRng;
 
     /// Noise of a machine in oscillation, N·m.
-    fn noise(kind: Noise, seed: u64) -> Vec<[f64; AXES]> {
+    fn noise(kind: Noise, seed: u64) -> Vec<PerAxis<f64>> {
         let n = 50_000;
         let t: Vec<f64> = (0..n).map(|k| k as f64 * 4e-4).collect();
         let q: Vec<_> = t.iter().map(|t| std::array::from_fn(|i| 0.3 * ((3.0 + i as f64) * t).sin())).collect();
-        let mut signals = Signals::of_drives(Default::default(), t, &q, &vec![[0.0; AXES]; n]);
+        let mut signals = Signals::of_drives(Default::default(), t, &q, &vec![each(0.0); n]);
         lay(kind, &[0.4, 0.4, 0.4, 0.05], 0.5, &mut signals, &mut ChaCha8Rng::seed_from_u64(seed));
         signals.tau().iter().collect()
     }

@@ -18,7 +18,7 @@ use deltatwin::effects::{ActiveEffect, Role};
 use deltatwin::identification::filtering::MIN_HALF_WIDTH;
 use deltatwin::identification::fit::{FitError, Options, fit_with, kinematics, nominal_size};
 use deltatwin::identification::{Dataset, columns, predict};
-use deltatwin::machine::{AXES, Setup};
+use deltatwin::machine::{Setup, each};
 use deltatwin::model::Model;
 use deltatwin::numerics::bisect;
 use deltatwin::recording::Channel;
@@ -147,7 +147,7 @@ impl<'a> Sizer<'a> {
         let joints = joints.map_err(|reason| FitError::Kinematics { recording: "desired".into(), reason })?;
         let exact = Dataset::exact(robot.mechanism, *setup, channels.to_vec(), SPACING, joints);
         // As for angles with noise: nothing is trimmed.
-        let dataset = Dataset { half_width: [MIN_HALF_WIDTH + 1; AXES], ..exact };
+        let dataset = Dataset { half_width: each(MIN_HALF_WIDTH + 1), ..exact };
         let all = columns(&plant, &dataset, None).map_err(kinematics(&dataset))?;
         let own: Vec<DVector<f64>> = plant
             .parameters()

@@ -9,8 +9,8 @@ use super::page::{Comparison, Estimate, Plot, Row, Section};
 use super::paper::{self, table_1};
 use super::runs::{Campaign, Run};
 use deltatwin::identification::{Dataset, Residuals};
-use deltatwin::machine::bodies::{ARM, ROTOR};
-use deltatwin::machine::{ARMS, AXES};
+use deltatwin::machine::bodies::{self, ROTOR};
+use deltatwin::machine::{PerAxis, TELESCOPE_AXIS, every_axis};
 use deltatwin::model::Model;
 
 /// Mean and unbiased variance of a sample.
@@ -49,7 +49,7 @@ pub fn at_rest(run: &Run, axis: usize) -> Vec<(f64, f64)> {
 }
 
 /// Standard deviations of the torque measurement, N·m: from the mean variance of all poses under the heavier weight.
-pub fn noise(campaign: &Campaign) -> [f64; AXES] {
+pub fn noise(campaign: &Campaign) -> PerAxis<f64> {
     let Some(heaviest) = campaign.rests.last() else { return campaign.disassembled.noise.torque };
     std::array::from_fn(|axis| {
         let poses = at_rest(heaviest, axis);
@@ -60,7 +60,7 @@ pub fn noise(campaign: &Campaign) -> [f64; AXES] {
 /// Section on Σ from static poses.
 pub fn covariance(campaign: &Campaign) -> Section {
     let mut rows = Vec::new();
-    for axis in 0..AXES {
+    for axis in every_axis() {
         let ours = campaign.rests.iter().map(|run| {
             let poses = at_rest(run, axis);
             let n: f64 = poses.len() as f64;
@@ -108,7 +108,7 @@ pub struct Table1 {
 ///
 /// # Errors
 /// If a pose of the recording is impossible for the model's geometry.
-pub fn identify(model: &Model, excitation: &Run, sigma: &[f64; AXES]) -> miette::Result<Table1> {
+pub fn identify(model: &Model, excitation: &Run, sigma: &PerAxis<f64>) -> miette::Result<Table1> {
     let (stack, axes) = Stack::new(model, &Dataset::new(&excitation.recording)).into_diagnostic()?.by_axis();
     let solution = stack.solve(sigma);
     let by_torque = stack.solve(&model.drives.map(|d| d.max_torque));
@@ -119,7 +119,7 @@ pub fn identify(model: &Model, excitation: &Run, sigma: &[f64; AXES]) -> miette:
     let mut rows = Vec::new();
     for (k, &axis) in axes.iter().enumerate() {
         let name = &stack.parameters[k].name;
-        let arm = &model.bodies[ARM + axis.min(ARMS - 1)];
+        let arm = &model.bodies[bodies::arm(axis.min(TELESCOPE_AXIS - 1))];
         let of_drive = |block: usize| friction.map_or(0.0, |f| f.values().block(block)[axis]);
         let (symbol, truth, printed) = if name.contains("first_moment_x") {
             ("m c_x", arm.first_moment.x, table_1::FIRST_MOMENT_X[axis])
@@ -134,7 +134,7 @@ pub fn identify(model: &Model, excitation: &Run, sigma: &[f64; AXES]) -> miette:
         } else {
             ("p_v", of_drive(1), table_1::VISCOUS[axis])
         };
-        let what = if axis < ARMS { format!("arm {}", axis + 1) } else { format!("drive {}", axis + 1) };
+        let what = if axis < TELESCOPE_AXIS { format!("arm {}", axis + 1) } else { format!("drive {}", axis + 1) };
         let ours = Estimate::new(solution.values[k], solution.std[k]);
         rows.push(Row::new(format!("{what}: {symbol}"), stack.parameters[k].unit, ours).truth(truth).paper(printed));
     }
@@ -144,7 +144,7 @@ pub fn identify(model: &Model, excitation: &Run, sigma: &[f64; AXES]) -> miette:
 impl Table1 {
     /// Estimate of the parameter `symbol` of an axis.
     pub fn value(&self, axis: usize, symbol: &str) -> Option<Estimate> {
-        let place = format!("{} {}: {symbol}", if axis < ARMS { "arm" } else { "drive" }, axis + 1);
+        let place = format!("{} {}: {symbol}", if axis < TELESCOPE_AXIS { "arm" } else { "drive" }, axis + 1);
         self.rows.iter().find(|r| r.quantity == place).and_then(|r| r.ours[0])
     }
 
@@ -183,7 +183,7 @@ impl Table1 {
         let (stack, _) = Stack::new(model, &dataset).into_diagnostic()?.by_axis();
         let computed = stack.torques(&self.solution.values);
         let rms = Residuals::of(&dataset, &computed).rms;
-        let rows = (0..AXES)
+        let rows = every_axis()
             .map(|i| {
                 Row::new(format!("e_rms of axis {}", i + 1), "N·m", Estimate::plain(rms[i]))
                     .truth(model.noise.torque[i])

@@ -13,8 +13,8 @@ use deltatwin::effects::rigid_bodies::{self, RigidBodies};
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::fit::Options;
 use deltatwin::identification::{BaseParameter, Dataset, Fit, fit_with};
-use deltatwin::machine::bodies::{ARM, Bodies, ROTOR, STRUT};
-use deltatwin::machine::{ARMS, AXES, Mechanism};
+use deltatwin::machine::bodies::{self, ARM, Bodies, ROTOR, STRUT};
+use deltatwin::machine::{Mechanism, PerAxis, ThreeArms, three_arms};
 use deltatwin::model::Model;
 use deltatwin::recording::Channel;
 
@@ -45,7 +45,7 @@ pub fn prior(known: &Model, arms: &Table1, curve: &Curve48) -> Model {
     let mut model = known.clone();
     model.bodies = prior::weighed(&known.bodies);
     let value = |axis: usize, symbol: &str| arms.value(axis, symbol).map_or(0.0, |e| e.value);
-    let mean = |symbol: &str| (0..ARMS).map(|arm| value(arm, symbol)).sum::<f64>() / ARMS as f64;
+    let mean = |symbol: &str| three_arms().map(|arm| value(arm, symbol)).sum::<f64>() / three_arms().len() as f64;
     for arm in ARM..STRUT {
         let body = &mut model.bodies[arm];
         body.first_moment.x = mean("m c_x");
@@ -58,7 +58,7 @@ pub fn prior(known: &Model, arms: &Table1, curve: &Curve48) -> Model {
     for active in &mut model.effects {
         match active.effect.name() {
             "drive_friction" => {
-                for arm in 0..ARMS {
+                for arm in three_arms() {
                     let (coulomb, viscous) = (active.values().index(0, arm), active.values().index(1, arm));
                     active.values[coulomb] = value(arm, "p_C");
                     active.values[viscous] = value(arm, "p_v");
@@ -98,7 +98,7 @@ pub fn torques(run: &Run) -> Dataset {
 ///
 /// # Panics
 /// Never: there are as many fits as jobs.
-pub fn identify(campaign: &Campaign, prior: Model, sigma: &[f64; AXES]) -> miette::Result<Assembled> {
+pub fn identify(campaign: &Campaign, prior: Model, sigma: &PerAxis<f64>) -> miette::Result<Assembled> {
     let complete = with_socket_friction(&prior);
     let fixed = ["axis4_friction".to_string()];
     let options = Options { prior_information: Some(TRUST), fixed: &fixed, ..Options::default() };
@@ -128,10 +128,10 @@ fn link(bodies: &Bodies, name: &str) -> Option<f64> {
     let k = rigid_bodies::PARAMETERS.iter().position(|p| p.name == name)?;
     let of_arm = |arm: usize| {
         let mut one = bodies.clone();
-        one[ARM] = bodies[ARM + arm];
+        one[ARM] = bodies[bodies::arm(arm)];
         RigidBodies::of(Mechanism::default(), true).values(&one)[k]
     };
-    Some((0..ARMS).map(of_arm).sum::<f64>() / ARMS as f64)
+    Some(three_arms().map(of_arm).sum::<f64>() / three_arms().len() as f64)
 }
 
 /// The parameter as printed in the paper.
@@ -264,7 +264,7 @@ impl Assembled {
     }
 
     /// Ratio of the drives' viscous friction to that of the disassembled robot, per fit and arm.
-    pub fn inflation(&self, arms: &Table1) -> [[f64; ARMS]; 3] {
+    pub fn inflation(&self, arms: &Table1) -> [ThreeArms<f64>; 3] {
         let before = |arm: usize| arms.value(arm, "p_v").map_or(f64::NAN, |e| e.value);
         let after = |f: &Fit, arm: usize| {
             estimate(f, &format!("drive_friction.viscous_{}", arm + 1)).map_or(f64::NAN, |e| e.value)
@@ -286,7 +286,7 @@ impl Assembled {
             paper: Some(printed),
         };
         let mut rows = Vec::new();
-        for arm in 0..ARMS {
+        for arm in three_arms() {
             let n = arm + 1;
             let drive = "drive_friction";
             rows.push(row(drive, format!("coulomb_{n}"), format!("drive {n}: p_C"), "N·m", table_4::COULOMB[arm]));
@@ -310,7 +310,7 @@ impl Assembled {
         }
         let table = Comparison { titles: titles(), rows };
         let inflation = self.inflation(arms);
-        let growth = (0..ARMS)
+        let growth = three_arms()
             .map(|arm| Row {
                 quantity: format!("drive {}: p_v over Table 1", arm + 1),
                 unit: String::new(),
@@ -321,12 +321,12 @@ impl Assembled {
             .collect();
         let growth = Comparison { titles: titles(), rows: growth };
         let (low, high) = extremes(&inflation[0]);
-        let off = |f: &[f64; ARMS]| 100.0 * f.iter().map(|x| (x - 1.0).abs()).fold(0.0, f64::max);
-        let printed: [f64; ARMS] = std::array::from_fn(|arm| table_4::VISCOUS[arm] / table_1::VISCOUS[arm]);
+        let off = |f: &ThreeArms<f64>| 100.0 * f.iter().map(|x| (x - 1.0).abs()).fold(0.0, f64::max);
+        let printed: ThreeArms<f64> = std::array::from_fn(|arm| table_4::VISCOUS[arm] / table_1::VISCOUS[arm]);
         let (printed_low, printed_high) = extremes(&printed);
         let found = |name: String| estimate(&self.paper, &name).map_or(f64::NAN, |e| e.value);
         let growth_of_coulomb = |after: &dyn Fn(usize) -> f64, before: &dyn Fn(usize) -> f64| {
-            let growth: [f64; ARMS] = std::array::from_fn(|arm| 100.0 * (after(arm) / before(arm) - 1.0));
+            let growth: ThreeArms<f64> = std::array::from_fn(|arm| 100.0 * (after(arm) / before(arm) - 1.0));
             extremes(&growth)
         };
         let coulomb = growth_of_coulomb(&|arm| found(format!("drive_friction.coulomb_{}", arm + 1)), &|arm| {

@@ -1,7 +1,7 @@
 //! Figures common to several sections.
 
 use deltatwin::identification::Dataset;
-use deltatwin::machine::AXES;
+use deltatwin::machine::every_axis;
 use deltatwin_report::{Color, Curve, Figure, Panel, Style, panels};
 
 /// Colours of the computed curves, in order.
@@ -20,5 +20,5 @@ pub fn measured_and_computed(title: &str, dataset: &Dataset, computed: &[(&str, 
         }
         Panel { title: format!("axis {}", axis + 1), y_label: "torque / N·m".into(), curves }
     };
-    panels(title, "time / s", &(0..AXES).map(panel).collect::<Vec<_>>())
+    panels(title, "time / s", &every_axis().map(panel).collect::<Vec<_>>())
 }

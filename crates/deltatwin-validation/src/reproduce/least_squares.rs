@@ -7,7 +7,7 @@ use deltatwin::effects::Role;
 use deltatwin::identification::base_parameters::independent;
 use deltatwin::identification::{Dataset, columns};
 use deltatwin::kinematics::KinematicsError;
-use deltatwin::machine::AXES;
+use deltatwin::machine::{PerAxis, every_axis};
 use deltatwin::model::Model;
 
 /// Number of blocks of time for the standard errors.
@@ -18,9 +18,9 @@ pub struct Stack {
     /// Parameters of the columns.
     pub parameters: Vec<PlantParameter>,
     /// `[column][axis][sample]`, zero where a column does not act.
-    columns: Vec<[Vec<f64>; AXES]>,
+    columns: Vec<PerAxis<Vec<f64>>>,
     /// `[axis][sample]`, N·m.
-    torque: [Vec<f64>; AXES],
+    torque: PerAxis<Vec<f64>>,
 }
 
 /// Least-squares estimate.
@@ -58,7 +58,7 @@ impl Stack {
     pub fn by_axis(self) -> (Self, Vec<usize>) {
         let samples = self.torque[0].len();
         let (mut parameters, mut columns, mut axes) = (Vec::new(), Vec::new(), Vec::new());
-        for axis in 0..AXES {
+        for axis in every_axis() {
             for (parameter, column) in self.parameters.iter().zip(&self.columns) {
                 if column[axis].iter().any(|x| *x != 0.0) {
                     let only = |a: usize| if a == axis { column[a].clone() } else { vec![0.0; samples] };
@@ -75,7 +75,7 @@ impl Stack {
     ///
     /// # Panics
     /// Never: the triangular factor of independent columns is invertible.
-    pub fn solve(&self, scale: &[f64; AXES]) -> Solution {
+    pub fn solve(&self, scale: &PerAxis<f64>) -> Solution {
         let (samples, n) = (self.torque[0].len(), self.columns.len());
         let row = |k: usize| (k / samples, k % samples);
         let weighted = |axis: usize, x: f64| x / scale[axis];
@@ -85,14 +85,14 @@ impl Stack {
             .iter()
             .map(|c| {
                 let squares = |axis: usize| c[axis].iter().map(move |x| weighted(axis, *x).powi(2)).sum::<f64>();
-                (0..AXES).map(squares).sum::<f64>().sqrt().max(f64::MIN_POSITIVE)
+                every_axis().map(squares).sum::<f64>().sqrt().max(f64::MIN_POSITIVE)
             })
             .collect();
-        let matrix = DMatrix::from_fn(AXES * samples, n, |k, j| {
+        let matrix = DMatrix::from_fn(every_axis().len() * samples, n, |k, j| {
             let (axis, sample) = row(k);
             weighted(axis, self.columns[j][axis][sample]) / length[j]
         });
-        let torque = DVector::from_fn(AXES * samples, |k, _| {
+        let torque = DVector::from_fn(every_axis().len() * samples, |k, _| {
             let (axis, sample) = row(k);
             weighted(axis, self.torque[axis][sample])
         });
@@ -115,7 +115,7 @@ impl Stack {
     }
 
     /// Torques for the given parameter values, `[axis][sample]`, N·m.
-    pub fn torques(&self, values: &[f64]) -> [Vec<f64>; AXES] {
+    pub fn torques(&self, values: &[f64]) -> PerAxis<Vec<f64>> {
         std::array::from_fn(|axis| {
             let mut sum = vec![0.0; self.torque[axis].len()];
             for (column, value) in self.columns.iter().zip(values).filter(|(_, v)| **v != 0.0) {
@@ -138,7 +138,7 @@ fn covariance(rows: &DMatrix<f64>, residual: &DVector<f64>, inverse: &DMatrix<f6
     for start in (0..samples).step_by(length) {
         let count = length.min(samples - start);
         let mut score = DVector::zeros(n);
-        for axis in 0..AXES {
+        for axis in every_axis() {
             let first = axis * samples + start;
             score += rows.rows(first, count).tr_mul(&residual.rows(first, count));
         }

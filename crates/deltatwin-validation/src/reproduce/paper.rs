@@ -1,23 +1,24 @@
 //! Values printed in the paper.
 
-use deltatwin::machine::{ARMS, AXES};
+use deltatwin::machine::PerAxis;
 
 /// Table 1, disassembled robot. First moments in kg·m, inertia in kg·m², friction in N·m and N·m·s/rad.
 pub mod table_1 {
-    use super::{ARMS, AXES};
+
+    use deltatwin::machine::{PerAxis, ThreeArms};
 
     /// m c_x of the arms.
-    pub const FIRST_MOMENT_X: [f64; ARMS] = [0.150, 0.153, 0.152];
+    pub const FIRST_MOMENT_X: ThreeArms<f64> = [0.150, 0.153, 0.152];
     /// m c_z of the arms.
-    pub const FIRST_MOMENT_Z: [f64; ARMS] = [0.005, 0.007, 0.016];
+    pub const FIRST_MOMENT_Z: ThreeArms<f64> = [0.005, 0.007, 0.016];
     /// Θ_yy of the arms.
-    pub const INERTIA_YY: [f64; ARMS] = [0.228, 0.232, 0.238];
+    pub const INERTIA_YY: ThreeArms<f64> = [0.228, 0.232, 0.238];
     /// C_M·i_G² of drive 4.
     pub const ROTOR_INERTIA: f64 = 0.003;
     /// p_C of the drives.
-    pub const COULOMB: [f64; AXES] = [4.201, 4.145, 5.773, 0.387];
+    pub const COULOMB: PerAxis<f64> = [4.201, 4.145, 5.773, 0.387];
     /// p_v of the drives.
-    pub const VISCOUS: [f64; AXES] = [0.281, 0.419, 0.448, 0.012];
+    pub const VISCOUS: PerAxis<f64> = [0.281, 0.419, 0.448, 0.012];
     /// Section 6.2.2: difference of the results of the two weightings.
     pub const DIFFERENCE: f64 = 1e-13;
 }
@@ -46,12 +47,13 @@ pub const TABLE_3: [(&str, &str, f64, &str); 15] = [
 
 /// Table 4, assembled robot.
 pub mod table_4 {
-    use super::ARMS;
+
+    use deltatwin::machine::ThreeArms;
 
     /// p_C of the drives, N·m.
-    pub const COULOMB: [f64; ARMS] = [4.667, 4.376, 6.466];
+    pub const COULOMB: ThreeArms<f64> = [4.667, 4.376, 6.466];
     /// p_v of the drives, N·m·s/rad.
-    pub const VISCOUS: [f64; ARMS] = [1.727, 2.064, 1.557];
+    pub const VISCOUS: ThreeArms<f64> = [1.727, 2.064, 1.557];
     /// p_C of the telescope's prismatic joint, N.
     pub const TELESCOPE_COULOMB: f64 = 1.641;
     /// p_v of the telescope's prismatic joint, N·s/m.
@@ -59,9 +61,9 @@ pub mod table_4 {
 }
 
 /// Fig. 10: RMS torque error of the base parameters on the verification motion, N·m.
-pub const FIG_10_BASE: [f64; AXES] = [1.5, 1.5, 1.6, 0.17];
+pub const FIG_10_BASE: PerAxis<f64> = [1.5, 1.5, 1.6, 0.17];
 /// Fig. 10: RMS torque error of the consistent parameters, N·m.
-pub const FIG_10_CONSISTENT: [f64; AXES] = [1.5, 1.6, 1.7, 0.16];
+pub const FIG_10_CONSISTENT: PerAxis<f64> = [1.5, 1.6, 1.7, 0.16];
 /// Section 6.4: range of the computed strut forces of Fig. 11, N.
 pub const FIG_11_RANGE: [f64; 2] = [-10.0, 15.0];
 /// Section 6.5: mass of the measurement strut, kg.

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use super::paper;
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::machine::bodies::{ARM, ROTOR, STRUT};
-use deltatwin::machine::{ARMS, Inertia, STRUTS};
+use deltatwin::machine::{Inertia, SixStruts, ThreeArms, each, three_arms};
 use deltatwin::model::Model;
 
 /// Effects in the ball sockets.
@@ -24,7 +24,7 @@ pub fn one_machine(mut assembled: Model, disassembled: &Model) -> Model {
     let target = assembled.effects.iter_mut().find(|a| a.effect.name() == DRIVE_FRICTION);
     if let (Some(own), Some(target)) = (own, target) {
         for block in [0, 1] {
-            for arm in 0..ARMS {
+            for arm in three_arms() {
                 let at = target.values().index(block, arm);
                 target.values[at] = own.values().block(block)[arm];
             }
@@ -56,11 +56,12 @@ pub fn with_arm_weights(robot: &Model, mass: f64) -> Model {
 /// If the effect `limb_asymmetry` is not registered, which does not occur.
 pub fn with_measurement_strut(robot: &Model) -> Model {
     let mut measuring = robot.clone();
-    let mut extra = [0.0; STRUTS];
+    let arms: ThreeArms<f64> = each(0.0);
+    let mut extra: SixStruts<f64> = each(0.0);
     extra[0] = paper::MEASUREMENT_STRUT - robot.bodies[STRUT].mass;
     let lengths = [[robot.geometry.limbs[0].strut_length], [robot.geometry.limbs[0].arm_length]];
     let effect = find("limb_asymmetry").expect("a registered effect");
     measuring.effects.retain(|a| a.effect.name() != effect.name());
-    measuring.effects.push(ActiveEffect::new(effect, &[&extra, &[0.0; ARMS], &lengths[0], &lengths[1]]));
+    measuring.effects.push(ActiveEffect::new(effect, &[&extra, &arms, &lengths[0], &lengths[1]]));
     measuring
 }

@@ -9,7 +9,7 @@ use super::page::{Comparison, Estimate, Plot, Row, Section};
 use super::paper::u_turn as printed;
 use super::runs::Campaign;
 use deltatwin::dynamics::Plant;
-use deltatwin::machine::STRUTS;
+use deltatwin::machine::six_struts;
 use deltatwin::model::Model;
 use deltatwin::planner::trajectory::trajectory;
 use deltatwin::planner::validation::{Execution, execute};
@@ -46,7 +46,7 @@ impl Variant {
 
     /// Largest planned force at an elbow, N.
     fn planned_force(&self) -> f64 {
-        let forces = self.planned.signals.rows::<STRUTS>(Channel::StrutUpper).iter().flatten();
+        let forces = self.planned.signals.rows::<{ six_struts().end }>(Channel::StrutUpper).iter().flatten();
         forces.fold(0.0, |most, f| f.abs().max(most))
     }
 

@@ -10,7 +10,7 @@ use super::paper;
 use super::runs::{Campaign, Run};
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::{Dataset, Residuals, predict};
-use deltatwin::machine::{ARMS, AXES, STRUTS};
+use deltatwin::machine::{PerAxis, each, every_axis, six_struts, three_arms};
 use deltatwin::model::Model;
 use deltatwin::recording::Channel;
 use deltatwin_report::{Color, Curve, Panel, Style, panels};
@@ -20,18 +20,19 @@ fn linear_friction(model: &Model) -> Model {
     let mut linear = model.clone();
     linear.effects.retain(|a| !["axis4_friction", "drive_friction"].contains(&a.effect.name()));
     let effect = find("drive_friction").expect("a registered effect");
-    linear.effects.push(ActiveEffect::new(effect, &[&[0.0; AXES], &[0.0; AXES], &[100.0]]));
+    let none: PerAxis<f64> = each(0.0);
+    linear.effects.push(ActiveEffect::new(effect, &[&none, &none, &[100.0]]));
     linear
 }
 
 /// Prediction of the base parameters for another motion.
 struct Base {
     count: usize,
-    computed: [Vec<f64>; AXES],
+    computed: PerAxis<Vec<f64>>,
     rms: Vec<f64>,
 }
 
-fn base(prior: &Model, [excitation, check]: &[Run; 2], sigma: &[f64; AXES]) -> miette::Result<Base> {
+fn base(prior: &Model, [excitation, check]: &[Run; 2], sigma: &PerAxis<f64>) -> miette::Result<Base> {
     let model = linear_friction(prior);
     let solution = Stack::new(&model, &torques(excitation)).into_diagnostic()?.solve(sigma);
     let dataset = torques(check);
@@ -49,7 +50,7 @@ fn rms(model: &Model, check: &Run) -> miette::Result<Vec<f64>> {
 ///
 /// # Errors
 /// If a pose of a recording is impossible for the model's geometry.
-pub fn torque(campaign: &Campaign, assembled: &Assembled, sigma: &[f64; AXES]) -> miette::Result<Section> {
+pub fn torque(campaign: &Campaign, assembled: &Assembled, sigma: &PerAxis<f64>) -> miette::Result<Section> {
     let check = &campaign.assembled[1];
     let with = base(&assembled.prior, &campaign.assembled, sigma)?;
     let free = base(&assembled.prior, &campaign.assembled_free, sigma)?;
@@ -59,8 +60,8 @@ pub fn torque(campaign: &Campaign, assembled: &Assembled, sigma: &[f64; AXES]) -
     let consistent_free = rms(&assembled.free.model, &campaign.assembled_free[1])?;
     let complete = rms(&assembled.complete.model, check)?;
     let mut rows = Vec::new();
-    let mut add = |what: &str, ours: [Option<&[f64]>; 3], printed: [f64; AXES]| {
-        for axis in 0..AXES {
+    let mut add = |what: &str, ours: [Option<&[f64]>; 3], printed: PerAxis<f64>| {
+        for axis in every_axis() {
             rows.push(Row {
                 quantity: format!("axis {}, {what}", axis + 1),
                 unit: "N·m".into(),
@@ -79,7 +80,7 @@ pub fn torque(campaign: &Campaign, assembled: &Assembled, sigma: &[f64; AXES]) -
         &[("base parameters", &with.computed), ("consistent", &computed)],
     );
     let arms = |v: &[f64]| {
-        let (low, high) = v[..ARMS].iter().fold((f64::INFINITY, 0.0f64), |(a, b), x| (a.min(*x), b.max(*x)));
+        let (low, high) = v[three_arms()].iter().fold((f64::INFINITY, 0.0f64), |(a, b), x| (a.min(*x), b.max(*x)));
         format!("{low:.2} to {high:.2}")
     };
     let agreement = format!(
@@ -124,7 +125,7 @@ pub fn strut_forces(campaign: &Campaign, assembled: &Assembled) -> miette::Resul
     let dataset = Dataset::new(&campaign.assembled[1].recording);
     let compute = |model: &Model| predict(&dataset.plant(model), &dataset).into_diagnostic();
     let (ours, complete) = (compute(&assembled.paper.model)?, compute(&assembled.complete.model)?);
-    let channels: Vec<(usize, usize)> = (0..STRUTS)
+    let channels: Vec<(usize, usize)> = six_struts()
         .filter_map(|s| Some((s, dataset.channels.iter().position(|c| *c == Channel::StrutLower(s))?)))
         .collect();
     let mut rows = Vec::new();

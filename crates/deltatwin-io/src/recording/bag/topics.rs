@@ -21,7 +21,7 @@
 
 use serde::Deserialize;
 
-use deltatwin::machine::{Mechanism, STRUTS};
+use deltatwin::machine::{Mechanism, SixStruts};
 use deltatwin::recording::{Channel, FAMILIES, Family, Field};
 
 pub(super) const JOINTS: &str = "/joint_states";
@@ -92,8 +92,8 @@ pub(super) fn decode_json(topic: &str, data: &[u8]) -> Option<Vec<Option<f64>>> 
 
 #[derive(Deserialize)]
 struct Ends {
-    upper: [Option<f64>; STRUTS],
-    lower: [Option<f64>; STRUTS],
+    upper: SixStruts<Option<f64>>,
+    lower: SixStruts<Option<f64>>,
 }
 
 #[derive(Deserialize)]

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use deltatwin::identification::initial::quantum;
-use deltatwin::machine::{AXES, Effort, Joint, Mechanism, Unit};
+use deltatwin::machine::{Effort, Joint, Mechanism, TELESCOPE_AXIS, Unit};
 use deltatwin::model::history::rounded_to;
 use deltatwin::recording::{Channel, sample_time};
 use deltatwin::text::significant;
@@ -124,7 +124,7 @@ impl Table {
             let problem = "no joint angle ever changes";
             return Err(ReadError::content(&self.file, problem, "a machine that moves"));
         }
-        let arms_rest = axes == AXES && (1..AXES).all(|k| stands(format!("q{k}")));
+        let arms_rest = axes > TELESCOPE_AXIS && (1..axes).all(|k| stands(format!("q{k}")));
         for k in 1..=axes {
             let (q, tau) = (stands(format!("q{k}")), stands(format!("tau{k}")));
             if !q && !tau {

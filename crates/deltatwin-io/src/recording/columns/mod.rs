@@ -13,7 +13,7 @@ pub use unit::{Quantity, Unit};
 
 use std::path::Path;
 
-use deltatwin::machine::{AXES, Axis, Effort, Joint, Mechanism};
+use deltatwin::machine::{Axis, Effort, Joint, Mechanism, every_axis};
 
 use self::channel::{CURRENT, Guess, Header, guess, quantities, slides};
 use self::mapping::Assignment;
@@ -250,7 +250,7 @@ fn claims(headers: &mut [Header], joint: Option<&str>, notes: &mut Vec<String>) 
             None if numbers.is_empty() => 1,
             None => return None,
         };
-        (1..=AXES).contains(&k).then_some(k)
+        (1..=every_axis().end).contains(&k).then_some(k)
     };
     let mut claims: Vec<Option<String>> = headers
         .iter()

@@ -4,8 +4,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::source::{Checked, Interval, Source};
-use deltatwin::kinematics::motion::MAX_SOCKETS;
-use deltatwin::machine::MAX_STRUTS;
+use deltatwin::machine::{PerSocket, PerStrut, each, every_strut, sockets_from};
 use deltatwin::scenario::sockets::{MAX_SPRINGS, SocketSetup, spring_name};
 use deltatwin::scenario::{Gains, Sensors, Supervision, Trip};
 
@@ -87,16 +86,16 @@ pub(super) fn sockets(file: &Source, keys: &SocketKeys) -> Checked<SocketSetup> 
 }
 
 /// One number per socket, as many as a robot of some number of limbs has.
-fn per_socket(file: &Source, key: &str, value: &Spanned<Vec<f64>>, interval: Interval) -> Checked<[f64; MAX_SOCKETS]> {
+fn per_socket(file: &Source, key: &str, value: &Spanned<Vec<f64>>, interval: Interval) -> Checked<PerSocket<f64>> {
     let given = value.get_ref();
     let expected = format!("expected one number per socket (12 with three limbs, 4 more with every other) {interval}");
-    if !given.len().is_multiple_of(4) || given.is_empty() || given.len() > MAX_SOCKETS {
+    if !given.len().is_multiple_of(4) || given.is_empty() || given.len() > sockets_from(0).len() {
         return Err(file.problem(value.span(), format!("`{key}` has {} value(s); {expected}", given.len())));
     }
     if let Some(v) = given.iter().find(|v| !interval.contains(**v)) {
         return Err(file.problem(value.span(), format!("`{key}` has {v}; {expected}")));
     }
-    let mut out = [0.0; MAX_SOCKETS];
+    let mut out: PerSocket<f64> = each(0.0);
     out[..given.len()].copy_from_slice(given);
     Ok(out)
 }
@@ -149,10 +148,10 @@ pub(super) fn sensors(file: &Source, keys: &SensorKeys) -> Checked<Sensors> {
     Ok(out)
 }
 
-fn struts(file: &Source, key: &str, numbers: &[Spanned<i64>]) -> Checked<[bool; MAX_STRUTS]> {
-    let mut fitted = [false; MAX_STRUTS];
+fn struts(file: &Source, key: &str, numbers: &[Spanned<i64>]) -> Checked<PerStrut<bool>> {
+    let mut fitted: PerStrut<bool> = each(false);
     for strut in numbers {
-        let i = file.count(key, strut, 1, MAX_STRUTS as i64)?;
+        let i = file.count(key, strut, 1, every_strut().end as i64)?;
         once(file, key, &mut fitted[i - 1], strut, "strut")?;
     }
     Ok(fitted)
@@ -218,7 +217,7 @@ mod tests {
         assert_eq!(s.supervision.trip, Trip::Brake { torque: 30.0 });
         assert_eq!((s.supervision.torque, s.supervision.tracking), (Some(40.0), Some(0.05)));
         assert!(s.sensors.strut_lower[1] && s.sensors.velocity && s.sensors.sockets);
-        assert!(!s.sensors.ee && !s.sensors.acceleration && s.sensors.strut_upper == [false; MAX_STRUTS]);
+        assert!(!s.sensors.ee && !s.sensors.acceleration && s.sensors.strut_upper == each(false));
         assert_eq!((s.gains.proportional, s.gains.derivative), (Some([1.0, 2.0, 3.0, 4.0]), None));
         let model = crate::model::read(&s.model).unwrap();
         let holds = s.socket_holds(&model);

@@ -9,7 +9,7 @@ use toml::Spanned;
 use toml::de::DeValue;
 
 use crate::source::{Checked, Interval, Source};
-use deltatwin::machine::AXES;
+use deltatwin::machine::every_axis;
 use deltatwin::scenario::motion::constant_speed::ConstantSpeed;
 use deltatwin::scenario::motion::path::Path;
 use deltatwin::scenario::motion::static_poses::StaticPoses;
@@ -255,7 +255,7 @@ struct ConstantSpeedKeys {
 fn constant_speed(input: Input) -> Checked<Course> {
     let (file, keys) = (input.file, input.keys::<ConstantSpeedKeys>()?);
     let runs = ConstantSpeed {
-        axis: file.count("motion.axis", &keys.axis, 1, AXES as i64)? - 1,
+        axis: file.count("motion.axis", &keys.axis, 1, every_axis().end as i64)? - 1,
         pose: coordinates(file, "motion.pose", &keys.pose)?,
         between: file.numbers("motion.between", &keys.between, Interval(-1e4, 1e4, "rad"))?,
         speeds: keys
