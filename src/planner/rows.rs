@@ -1,11 +1,11 @@
 //! Grid along a path, with the limits at its points as rows in z = ṡ² and s̈.
 
-use crate::machine::{PerAxis, each, every_axis};
 use rayon::prelude::*;
 
 use super::coefficients::{Coefficients, Machine, Reference};
 use super::limits::{DYNAMIC, LOADS, Limits, QUANTITIES};
 use super::{Curve, PathPoint, PlanError};
+use crate::machine::{PerAxis, each, every_axis};
 
 /// ṡ at which force laws are linearised for rest, where friction vanishes, 1/s.
 const REST_SPEED: f64 = 1e-9;

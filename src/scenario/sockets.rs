@@ -6,9 +6,10 @@ use rand_distr::{Distribution, Normal};
 
 use crate::machine::{Mechanism, PerSocket, each, every_limb, limbs_from};
 
-/// Most clamp spring units, one per pair of sockets: those at the elbows limb by limb, then those at the plate from
-/// [`LOWER`] on.
+/// Most clamp spring units, one per pair of sockets: those at the elbows limb by limb, then those at the plate in
+/// the same order.
 pub const MAX_SPRINGS: usize = limbs_from(LOWER).end;
+/// First spring unit at the plate.
 const LOWER: usize = every_limb().end;
 
 /// Stream of the random generator for the hold forces; the sensor noise uses stream 0.

@@ -1,9 +1,9 @@
 //! What a run leaves for a verdict on it: loads at every sample, and the instants at which something gave way.
 
-use crate::machine::{PerAxis, PerSocket, PerStrut};
 use nalgebra::Vector3;
 
 use super::contacts::ContactBody;
+use crate::machine::{PerAxis, PerSocket, PerStrut};
 
 /// Loads and errors at one sample, kept by [`super::Options::trace`] until the drives trip.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,11 +1,11 @@
 //! The paper's experiments on shortened scenarios: what the physics demands of their results.
 
 use crate::common;
-use deltatwin::machine::{every_axis, three_arms};
 
 use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
+use deltatwin::machine::{every_axis, three_arms};
 use deltatwin_validation::reproduce::page::{Comparison, Row};
 use deltatwin_validation::reproduce::runs::Campaign;
 use deltatwin_validation::reproduce::{arms, assembled, friction_curve, sections};

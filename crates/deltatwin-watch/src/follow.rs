@@ -1,10 +1,10 @@
 //! Samples of a file that grows or of a pipe: CSV with the columns of a recording, or MCAP.
 
-use deltatwin::machine::PerAxis;
 use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Read, Seek};
 use std::path::{Path, PathBuf};
 
+use deltatwin::machine::PerAxis;
 use deltatwin_io::recording::{JointSample, Tail, begins_mcap};
 use thiserror::Error;
 

@@ -1,10 +1,10 @@
 //! Solution of the six length rows by pairs of struts.
 
-use crate::machine::SixStruts;
 use nalgebra::{Matrix3, Vector3};
 
 use super::super::SingularPose;
 use super::blocks::Paired;
+use crate::machine::SixStruts;
 
 /// Factorisation of B_P, the platform part of the length rows, by sums and differences of each pair's rows.
 ///

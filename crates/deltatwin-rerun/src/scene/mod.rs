@@ -14,7 +14,6 @@ mod solids;
 mod things;
 mod trail;
 
-use deltatwin::machine::PerAxis;
 use std::io::Write;
 use std::path::Path;
 
@@ -29,6 +28,7 @@ pub use content::{
 };
 pub use live::{Live, Viewer};
 
+use deltatwin::machine::PerAxis;
 use deltatwin_io::file::{self, WriteError};
 use known::Known;
 use layout::layout;
