@@ -3,13 +3,14 @@
 use deltatwin::diagnosis::{Diagnosis, Progress, Verdict, diagnose};
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
-use deltatwin::identification::{Dataset, Residuals, fit};
+use deltatwin::identification::{Dataset, Estimate, Residuals, fit};
 use deltatwin::machine::Setup;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin::twin::{Options, Report, simulate};
 use deltatwin_io::model;
+use deltatwin_validation::exam::{Case, campaign};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
@@ -79,19 +80,44 @@ fn noise_free_data_return_the_base_parameters() {
     }
 }
 
+/// Errors of the base parameters of a robot over their standard errors, of four recordings.
 #[test]
-fn noisy_data_return_the_base_parameters_within_three_standard_errors() {
-    let robot = perturbed();
-    let (recording, _) = run(&robot, 3, 10.0, true);
-    let dataset = Dataset::new(&recording);
-    let nominal = model("irb360-6-1600");
-    let fitted = fit(&nominal, std::slice::from_ref(&dataset), &[dataset.noise(&nominal)]).unwrap();
-    let truth = true_base(&robot, &fitted.base);
-    for (b, truth) in fitted.base.iter().zip(&truth) {
-        println!("{:<50} {:>10.5} ± {:.5}: {:+.1} σ", b.name, b.value, b.std, (b.value - truth) / b.std);
+fn noisy_data_return_the_base_parameters_with_the_errors_that_are_stated() {
+    let (robot, nominal) = (perturbed(), model("irb360-6-1600"));
+    let mut errors: Vec<f64> = Vec::new();
+    for seed in 3..7 {
+        let (recording, _) = run(&robot, seed, 10.0, true);
+        let dataset = Dataset::new(&recording);
+        let fitted = fit(&nominal, std::slice::from_ref(&dataset), &[dataset.noise(&nominal)]).unwrap();
+        let truth = true_base(&robot, &fitted.base);
+        errors.extend(fitted.base.iter().zip(&truth).map(|(b, truth)| (b.value - truth) / b.std));
     }
-    for (b, truth) in fitted.base.iter().zip(&truth) {
-        assert!((b.value - truth).abs() < 3.0 * b.std, "{}: {} ± {} {truth}", b.name, b.value, b.std);
+    let rms = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
+    println!("{} errors of {rms:.2} standard errors RMS", errors.len());
+    assert!((0.7..1.3).contains(&rms) && errors.iter().all(|e| e.abs() < 4.0), "{rms} {errors:?}");
+}
+
+/// Near a reversal the smoothed rate and acceleration are not those of the machine, and friction at low speed takes the error
+/// up unless the fit leaves these samples out.
+#[test]
+fn friction_at_low_speed_has_the_error_that_is_stated() {
+    for name in ["viscous_curve", "drive_stribeck"] {
+        let case = Case { effects: vec![name.into()], strut_sensor: false, ..Case::default() };
+        let robot = campaign(&model("irb360-6-1600"), &case, &|_, _| ()).unwrap();
+        let dataset = Dataset::new(&robot.measurement);
+        let noise = [dataset.noise(&robot.model)];
+        // The robot's own values are where the search starts, so that it ends at the nearest minimum.
+        let fitted = fit(&robot.robot, std::slice::from_ref(&dataset), &noise).unwrap();
+        let truth = Plant::new(&robot.robot, &robot.measurement.setup).parameters();
+        let own = |p: &&Estimate| p.param.effect == name && p.identified();
+        let errors: Vec<f64> = fitted
+            .parameters
+            .iter()
+            .filter(own)
+            .map(|p| (p.value - truth[truth.named(&p.name).unwrap()].value) / p.std)
+            .collect();
+        println!("{name}: {errors:.1?} standard errors");
+        assert!(errors.len() >= 4 && errors.iter().all(|e| e.abs() < 4.0), "{name}: {errors:?}");
     }
 }
 

@@ -11,7 +11,7 @@ use super::channels::{Three, Twist};
 use super::plate::PlateMotions;
 use crate::kinematics::{KinematicsError, Motion, Reactions};
 use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, strut};
-use crate::machine::{Geometry, PerAxis, PerLimb, TELESCOPE_AXIS, each};
+use crate::machine::{Geometry, PerAxis, PerLimb, TELESCOPE_AXIS, each, may_have_telescope};
 
 /// Generalised forces of arms, rotor of axis 4 and platform.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -78,7 +78,7 @@ impl<'a> Reduction<'a> {
         for (i, tau) in tau.iter_mut().enumerate().take(self.motion.limbs) {
             *tau = -(sum.arms[i] + through.get(i).copied().unwrap_or(0.0));
         }
-        if self.motion.limbs <= TELESCOPE_AXIS {
+        if may_have_telescope(self.motion.limbs) {
             tau[TELESCOPE_AXIS] = -sum.rotor;
         }
         let mut reactions = Reactions::ZERO;

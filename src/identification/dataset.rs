@@ -6,7 +6,7 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
-use self::determined::moving;
+use self::determined::{moving, runs};
 use super::derivatives::{Accuracy, Angles, Method, Motions};
 use super::filtering::MIN_HALF_WIDTH;
 use crate::dynamics::Plant;
@@ -47,6 +47,8 @@ pub struct Dataset {
     pub half_width: PerAxis<usize>,
     /// Accuracy of the smoothed motion per axis.
     pub accuracy: PerAxis<Accuracy>,
+    /// Ranges of samples so close to a reversal that the smoothing blurs what changes there; fits do not use them.
+    pub near_reversals: Vec<Range<usize>>,
 }
 
 /// Encoder angles, and the motion including the ringing of elastic gears once it was requested.
@@ -89,6 +91,7 @@ impl Dataset {
             left_out: 0.0,
             half_width: each(MIN_HALF_WIDTH),
             accuracy: each(Accuracy::default()),
+            near_reversals: Vec::new(),
         }
     }
 
@@ -138,6 +141,7 @@ impl Dataset {
         dataset.readings.angles = std::array::from_fn(|i| signals.share(Channel::Angle(i)).pieces(&kept));
         dataset.measured = dataset.channels.iter().map(|&c| signals.share(c).pieces(&kept)).collect();
         dataset.left_out = 1.0 - dataset.len() as f64 / total.max(1) as f64;
+        dataset.near_reversals = dataset.find_near_reversals();
         dataset
     }
 
@@ -200,6 +204,7 @@ impl Dataset {
             readings: self.readings.window(&range),
             measured: self.measured.iter().map(|m| m.window(&range)).collect(),
             segments: self.segments.iter().filter_map(clip).collect(),
+            near_reversals: self.near_reversals.iter().filter_map(clip).collect(),
             ..self.empty()
         }
     }
@@ -232,7 +237,9 @@ impl Dataset {
             sparse.t.extend(piece.t);
             sparse.joints.extend(piece.joints);
             sparse.measured.iter_mut().zip(piece.measured).for_each(|(all, own)| all.extend(own.iter().copied()));
-            sparse.segments.extend(piece.segments.iter().map(|s| first + s.start..first + s.end));
+            let shifted = |s: &Range<usize>| first + s.start..first + s.end;
+            sparse.segments.extend(piece.segments.iter().map(shifted));
+            sparse.near_reversals.extend(piece.near_reversals.iter().map(shifted));
         }
         sparse
     }
@@ -301,6 +308,8 @@ impl Dataset {
     pub fn averaged(&self, block: usize) -> Self {
         let blocks: Vec<Range<usize>> = self.blocks(block).collect();
         let middle = |b: &Range<usize>| b.start + block / 2;
+        let touches = |b: &Range<usize>| self.near_reversals.iter().any(|r| r.start < b.end && b.start < r.end);
+        let is_near: Vec<bool> = blocks.iter().map(touches).collect();
         Self {
             t: blocks.iter().map(|b| self.t[middle(b)]).collect(),
             joints: blocks.iter().map(|b| self.joints[middle(b)]).collect(),
@@ -309,6 +318,7 @@ impl Dataset {
             segments: averaged_segments(std::slice::from_ref(self), block),
             dt: block as f64 * self.dt,
             half_width: self.half_width.map(|m| (m / block).max(MIN_HALF_WIDTH)),
+            near_reversals: runs(&is_near, 0),
             ..self.empty()
         }
     }

@@ -37,9 +37,9 @@ pub enum Method {
 /// noise.
 const ACCELERATION_NOISE: PerAxis<f64> = [0.05, 0.05, 0.05, 0.5];
 /// Speed below which an axis may reverse, rad/s; an axis that stays below it nearby is at rest.
-const TURNING: f64 = 0.05;
+pub(super) const TURNING: f64 = 0.05;
 /// Time that counts as nearby, s.
-const NEARBY: f64 = 0.02;
+pub(super) const NEARBY: f64 = 0.02;
 /// Times before and after the reversal in which q̈ may jump, s, shortest first; and the longest for an axis that is slow
 /// for longer.
 const JUMPING: [f64; 3] = [1e-3, 3e-3, 6e-3];

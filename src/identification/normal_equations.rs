@@ -162,13 +162,15 @@ fn part(plant: &Plant, dataset: &Dataset, range: Range<usize>, of: Rows, known: 
     let here = |(m, p): (&Series, &Vec<f64>)| difference(&m[range.clone()], &p[shift..]);
     let residual: Channels = dataset.measured.iter().zip(&predicted).map(here).collect();
     let n = free.len();
+    let uses = used(dataset, &range);
     let mut blocks = Vec::new();
     for start in (0..range.len()).step_by(length) {
         let rows = start..(start + length).min(range.len());
         let mut information = DMatrix::zeros(n, n);
         let mut score = DVector::zeros(n);
         for (c, s) in sigma.iter().enumerate() {
-            let root: Vec<f64> = residual[c][rows.clone()].iter().map(|r| weight(c, r / s).sqrt() / s).collect();
+            let root = |k: usize| uses[k] * weight(c, residual[c][k] / s).sqrt() / s;
+            let root: Vec<f64> = rows.clone().map(root).collect();
             let live: Vec<usize> = (0..n)
                 .filter(|&j| columns[free[j]][c][shift + rows.start..shift + rows.end].iter().any(|x| *x != 0.0))
                 .collect();
@@ -190,9 +192,19 @@ fn part(plant: &Plant, dataset: &Dataset, range: Range<usize>, of: Rows, known: 
     let mut rows = Vec::new();
     for k in kept {
         for (c, s) in sigma.iter().enumerate() {
-            let root = weight(c, residual[c][k] / s).sqrt() / s;
+            let root = uses[k] * weight(c, residual[c][k] / s).sqrt() / s;
             rows.push(free.iter().map(|&j| columns[j][c][shift + k] * root).collect());
         }
     }
     Ok(Part { blocks, residual, rows })
+}
+
+/// Weights of the samples in `range`: 1, or 0 near reversals.
+pub fn used(dataset: &Dataset, range: &Range<usize>) -> Vec<f64> {
+    let mut uses = vec![1.0; range.len()];
+    for near in &dataset.near_reversals {
+        let [start, end] = [near.start, near.end].map(|k| k.clamp(range.start, range.end) - range.start);
+        uses[start..end].fill(0.0);
+    }
+    uses
 }

@@ -12,7 +12,9 @@ use thiserror::Error;
 
 use super::arm::Arm;
 use super::motion::Motion;
-use crate::machine::{Actuator, Geometry, Limb, PerAxis, TELESCOPE_AXIS, ThreeArms, bodies, each, three_arms};
+use crate::machine::{
+    Actuator, Geometry, Limb, PerAxis, TELESCOPE_AXIS, ThreeArms, bodies, each, may_have_telescope, three_arms,
+};
 
 /// Joint angles (rad), rates and accelerations.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -367,7 +369,7 @@ impl Geometry {
             }
             (joints.qd[i], joints.qdd[i]) = (step.rate, step.acceleration);
         }
-        if self.limbs.len() <= TELESCOPE_AXIS {
+        if may_have_telescope(self.limbs.len()) {
             let last = TELESCOPE_AXIS;
             [joints.q[last], joints.qd[last], joints.qdd[last]] = platform.psi;
         }

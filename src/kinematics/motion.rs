@@ -10,8 +10,8 @@ use crate::machine::bodies::{
     ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, strut,
 };
 use crate::machine::{
-    Geometry, Joint, Limb, Mechanism, PerAxis, PerLimb, PerStrut, Plate, TELESCOPE_AXIS, each, every_axis, six_struts,
-    three_arms,
+    Geometry, Joint, Limb, Mechanism, PerAxis, PerLimb, PerStrut, Plate, TELESCOPE_AXIS, each, every_axis,
+    may_have_telescope, six_struts, three_arms,
 };
 
 /// Motion of one body frame in the inertial frame.
@@ -168,10 +168,16 @@ impl Motion {
         poses
     }
 
+    /// Whether the machine has the three limbs of a delta robot, and place for a telescope.
+    #[inline]
+    fn has_three_limbs(&self) -> bool {
+        self.limbs == three_arms().end
+    }
+
     /// Number of bodies, the first ones, after which the machine has none.
     #[inline]
     pub fn slots(&self) -> usize {
-        if self.limbs == three_arms().end { BODIES } else { SLOTS }
+        if self.has_three_limbs() { BODIES } else { SLOTS }
     }
 
     /// Number of struts.
@@ -191,7 +197,7 @@ impl Motion {
 
     /// Axes with a drive: driven arms, and the rotor of three limbs.
     pub fn drives(&self) -> impl Iterator<Item = usize> + use<> {
-        (0..self.driven).chain((self.limbs == TELESCOPE_AXIS).then_some(TELESCOPE_AXIS))
+        (0..self.driven).chain(self.has_three_limbs().then_some(TELESCOPE_AXIS))
     }
 
     /// Screw of the arm of `limb`, driven or passive.
@@ -345,7 +351,7 @@ impl Motion {
             self.strut_length[2 * i..2 * i + 2].fill(limb.strut_length);
             self.carrier[2 * i..2 * i + 2].fill(plate[limb.part]);
         }
-        let [psi, rate, acceleration] = match geometry.limbs.len() <= TELESCOPE_AXIS {
+        let [psi, rate, acceleration] = match may_have_telescope(geometry.limbs.len()) {
             true => [joints.q[3], joints.qd[3], joints.qdd[3]],
             false => [0.0; 3],
         };

@@ -25,6 +25,12 @@ pub const MAX_SOCKETS: usize = 2 * MAX_STRUTS;
 /// Index of the axis that turns the end effector over the telescope; the fourth arm of a machine with four driven limbs.
 pub const TELESCOPE_AXIS: usize = AXES - 1;
 
+/// Whether a machine with `limbs` limbs leaves the telescope's axis to a telescope: it has not a fourth arm.
+#[inline]
+pub const fn may_have_telescope(limbs: usize) -> bool {
+    limbs <= TELESCOPE_AXIS
+}
+
 /// One value per axis: the arms, then the telescope drive. Values of axes that the machine does not have are unused.
 pub type PerAxis<T> = [T; AXES];
 /// One value per limb; values after the machine's last limb are unused.

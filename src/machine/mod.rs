@@ -19,8 +19,8 @@ pub use bodies::{Bodies, Inertia};
 pub use geometry::{Actuator, Delta, Geometry, Limb, Limbs};
 pub use layout::{
     PerAxis, PerLimb, PerSocket, PerStrut, SixStruts, StrutList, StrutMatrix, StrutVector, TELESCOPE_AXIS, ThreeArms,
-    axes_from, each, every_axis, every_limb, every_strut, limbs_from, lower_socket, rate_place, six_struts,
-    sockets_from, struts_from, three_arms,
+    axes_from, each, every_axis, every_limb, every_strut, limbs_from, lower_socket, may_have_telescope, rate_place,
+    six_struts, sockets_from, struts_from, three_arms,
 };
 pub use load::{FREE_FALL, Load};
 pub use mechanism::{Axis, Effort, Joint, Mechanism, Members, Part};

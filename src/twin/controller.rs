@@ -3,7 +3,7 @@
 use crate::dynamics::{Plant, steady_inverse_dynamics};
 use crate::kinematics::{JointState, KinematicsError};
 use crate::machine::bodies::ARM;
-use crate::machine::{Drive, Mechanism, PerAxis, TELESCOPE_AXIS, each, every_axis};
+use crate::machine::{Drive, Mechanism, PerAxis, each, every_axis, may_have_telescope};
 use crate::model::Model;
 
 /// Gains of the position loop.
@@ -30,7 +30,7 @@ impl Gains {
         let gains = Self::default();
         match model.mechanism {
             // A fourth arm is an arm; the fourth gains are the telescope's.
-            Mechanism::Delta { .. } if model.mechanism.arms() > TELESCOPE_AXIS => {
+            Mechanism::Delta { .. } if !may_have_telescope(model.mechanism.arms()) => {
                 Self { proportional: each(gains.proportional[0]), derivative: each(gains.derivative[0]), ..gains }
             }
             Mechanism::Delta { .. } => gains,

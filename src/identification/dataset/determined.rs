@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::Dataset;
-use crate::identification::derivatives::Accuracy;
+use crate::identification::derivatives::{Accuracy, NEARBY, TURNING};
 use crate::identification::filtering::MIN_HALF_WIDTH;
 use crate::kinematics::JointState;
 use crate::machine::{Mechanism, every_axis};
@@ -24,6 +24,9 @@ const STILL: (f64, f64) = (3.0, 1e-5);
 const ROUNDED: f64 = 1.01;
 /// Time before and after a reversal that coarse angles do not resolve, in time scales of their smoothing.
 const REACH: f64 = 4.0;
+/// Time before and after a reversal that fine angles do not resolve, in time scales of their smoothing, and largest share of
+/// the samples that a fit leaves out for it.
+const NEAR: (f64, f64) = (2.0, 0.5);
 /// Least duration, s, with which samples near reversals that are not resolved are left out.
 const LEAST: f64 = 0.25;
 /// Least share of the samples in motion with which those at rest are left out; at unequal times, least number of them: ten
@@ -77,6 +80,32 @@ impl Dataset {
         }
         let resolved: Vec<Vec<Range<usize>>> = pieces.iter().map(of).collect();
         if samples(&resolved) * self.dt < LEAST { all } else { resolved }
+    }
+
+    /// Ranges of samples at reversals of axes that are in motion, where a fit must not compare torques with the smoothed
+    /// motion; none where reversals are not resolved at all.
+    ///
+    /// Friction, and often the torque, jump at a reversal, and the accelerations of all axes with them. The smoothed
+    /// acceleration changes over the time scale of the smoothing, and the smoothed rate changes its sign at another instant.
+    /// Both errors have the same sign in the direction of motion before and after: friction at low speed would take them up.
+    pub(super) fn find_near_reversals(&self) -> Vec<Range<usize>> {
+        if self.blurs_reversals() {
+            return Vec::new();
+        }
+        let (scales, most) = NEAR;
+        let mut is_near = vec![false; self.len()];
+        for axis in (0..self.mechanism.axes()).filter(|&axis| self.half_width[axis] > MIN_HALF_WIDTH) {
+            let reach = (scales * self.accuracy[axis].width / self.dt).ceil() as usize;
+            let nearby = (NEARBY / self.dt).ceil() as usize;
+            for k in self.reversals(axis) {
+                let around = k.saturating_sub(nearby)..(k + nearby).min(self.len());
+                if self.joints[around].iter().any(|j| j.qd[axis].abs() >= TURNING) {
+                    is_near[k.saturating_sub(reach)..(k + reach).min(self.len())].fill(true);
+                }
+            }
+        }
+        let share = is_near.iter().filter(|b| **b).count() as f64 / self.len().max(1) as f64;
+        if share > most { Vec::new() } else { runs(&is_near, 0) }
     }
 
     /// Time over which the angles are smoothed, s, of the axis with the coarsest ones, where that hides reversals.
@@ -144,7 +173,7 @@ fn samples(ranges: &[Vec<Range<usize>>]) -> f64 {
 }
 
 /// Runs of `true`, shifted by `offset`.
-fn runs(flags: &[bool], offset: usize) -> Vec<Range<usize>> {
+pub(super) fn runs(flags: &[bool], offset: usize) -> Vec<Range<usize>> {
     let mut found = Vec::new();
     let mut start = None;
     for (k, flag) in flags.iter().chain([&false]).enumerate() {

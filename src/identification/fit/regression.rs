@@ -9,7 +9,7 @@ use crate::dynamics::{Plant, PlantParameter, set_parameters};
 use crate::evidence::{NEVER, Stop};
 use crate::identification::estimator::PRIOR_INFORMATION;
 use crate::identification::filtering::MIN_HALF_WIDTH;
-use crate::identification::normal_equations::{NormalEquations, Weight};
+use crate::identification::normal_equations::{NormalEquations, Weight, used};
 use crate::identification::prediction::{Channels, KeptColumns};
 use crate::identification::{Dataset, Residuals, regularisation};
 use crate::model::Model;
@@ -21,6 +21,8 @@ pub(super) struct Regression<'a> {
     /// The datasets with the columns that their models share.
     kept: Kept<'a>,
     pub sigma: Vec<Vec<f64>>,
+    /// Weight of each sample of each dataset.
+    uses: Vec<Vec<f64>>,
     /// Whether `sigma` is the noise.
     pub white: bool,
     /// Indices of the estimated parameters.
@@ -95,6 +97,7 @@ impl<'a> Regression<'a> {
             datasets,
             kept,
             sigma,
+            uses: datasets.iter().map(|d| used(d, &(0..d.len()))).collect(),
             white: options.weighing == Weighing::Noise,
             size: DVector::from_iterator(free.len(), free.iter().map(|&k| nominal_size(known(k)))),
             prior: DVector::from_iterator(free.len(), free.iter().map(|&k| known(k).value)),
@@ -151,12 +154,13 @@ impl<'a> Regression<'a> {
 
     /// Cost ½Σ w·r²/σ² of weighted residuals plus the cost of the prior.
     pub fn cost(&self, residuals: &Residuals, values: &DVector<f64>, weight: Weight) -> f64 {
-        let series =
-            |(c, (r, s)): (usize, (&Vec<f64>, &f64))| r.iter().map(|x| weight(c, x / s) * x * x).sum::<f64>() / (s * s);
-        let dataset = |(channels, sigma): (&Channels, &Vec<f64>)| -> f64 {
+        let dataset = |((channels, sigma), uses): ((&Channels, &Vec<f64>), &Vec<f64>)| -> f64 {
+            let series = |(c, (r, s)): (usize, (&Vec<f64>, &f64))| {
+                r.iter().zip(uses).map(|(x, of)| of * weight(c, x / s) * x * x).sum::<f64>() / (s * s)
+            };
             channels.iter().zip(sigma).enumerate().map(series).sum()
         };
-        let data: f64 = residuals.series.iter().zip(&self.sigma).map(dataset).sum();
+        let data: f64 = residuals.series.iter().zip(&self.sigma).zip(&self.uses).map(dataset).sum();
         0.5 * data + self.prior_cost(values)
     }
 
