@@ -102,7 +102,7 @@ fn noisy_data_return_the_base_parameters_with_the_errors_that_are_stated() {
 #[test]
 fn friction_at_low_speed_has_the_error_that_is_stated() {
     for name in ["viscous_curve", "drive_stribeck"] {
-        let case = Case { effects: vec![name.into()], strut_sensor: false, ..Case::default() };
+        let case = Case { effects: vec![name.into()], strut_sensor: false, duration: 10.0, ..Case::default() };
         let robot = campaign(&model("irb360-6-1600"), &case, &|_, _| ()).unwrap();
         let dataset = Dataset::new(&robot.measurement);
         let noise = [dataset.noise(&robot.model)];

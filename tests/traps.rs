@@ -168,6 +168,7 @@ fn viscosity(model: &Model) -> f64 {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn coulomb_friction_of_the_sockets_looks_viscous_until_the_speed_changes() {
     let robot = robot("ball_socket_coulomb", &[&[0.35], &[0.05]]);
     let DesiredMotion::Fourier(fast) = excitation(7, 0.5).on(&robot, &Setup::default()).unwrap() else { panic!() };

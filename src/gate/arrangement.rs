@@ -170,19 +170,24 @@ impl<'a> Trial<'a> {
             return None;
         }
         let column = |c: usize| dataset.channels[c].drive().map_or(c, |i| arrangement.torque[i]);
+        let freed = self.freed(dataset, &joints, &predicted);
+        // What is left over is linear in the torques, so that it need not be computed for every load.
+        let left = |(c, series): (usize, &Vec<f64>)| match freed.get(c) {
+            Some(features) => beyond(series, features),
+            None => Some(series.clone()),
+        };
+        let left = |series: &[Vec<f64>]| series.iter().enumerate().map(left).collect::<Vec<_>>();
         let measured: Vec<Vec<f64>> =
             (0..dataset.channels.len()).map(|c| predicted.of(instants.measured(column(c), 0))).collect();
-        let freed = self.freed(dataset, &joints, &predicted);
-        let line = |(c, p): (usize, &Vec<f64>)| match freed.get(c) {
-            Some(features) => Line::of(&beyond(p, features)?, &beyond(&measured[c], features)?),
-            None => Line::of(p, &measured[c]),
-        };
-        let judged = |series: &[Vec<f64>]| {
-            let lines: Vec<Option<Line>> = series.iter().enumerate().map(line).collect();
+        let measured = left(&measured);
+        let judged = |series: &[Option<Vec<f64>>]| {
+            let line = |(p, m): (&Option<Vec<f64>>, &Option<Vec<f64>>)| Line::of(p.as_ref()?, m.as_ref()?);
+            let lines: Vec<Option<Line>> = series.iter().zip(&measured).map(line).collect();
             let cost = lines.iter().flatten().map(cost).sum::<f64>() + CHANGE * arrangement.changes() as f64;
             Judgement { arrangement, lines, cost }
         };
-        let own = judged(&predicted.series);
+        let unloaded = left(&predicted.series);
+        let own = judged(&unloaded);
         let Some(heavier) = &self.heavier else { return Some(own) };
         let heavy = Predicted::new(heavier, &dataset.channels, t, &joints);
         if heavy.possible != predicted.possible {
@@ -192,9 +197,12 @@ impl<'a> Trial<'a> {
             heavy.series.iter().zip(&predicted.series).map(|(h, p)| difference(h, p)).collect();
         let size = |series: &[Vec<f64>]| series.iter().take(self.plant.mechanism.arms()).map(|s| rms(s)).sum::<f64>();
         let most = LOADS.1 * size(&predicted.series) / size(&kilogram).max(f64::MIN_POSITIVE);
+        let kilogram = left(&kilogram);
         let with = |load: f64| {
-            let one = |(p, k): (&Vec<f64>, &Vec<f64>)| p.iter().zip(k).map(|(p, k)| p + load * k).collect();
-            judged(&predicted.series.iter().zip(&kilogram).map(one).collect::<Vec<Vec<f64>>>())
+            let sum = |p: &Vec<f64>, k: &Vec<f64>| p.iter().zip(k).map(|(p, k)| p + load * k).collect();
+            let one =
+                |(p, k): (&Option<Vec<f64>>, &Option<Vec<f64>>)| p.as_ref().zip(k.as_ref()).map(|(p, k)| sum(p, k));
+            judged(&unloaded.iter().zip(&kilogram).map(one).collect::<Vec<Option<Vec<f64>>>>())
         };
         // Squares of equally spaced numbers: small loads are told apart more finely.
         let load = |k: f64| most * (k / LOADS.0 as f64).powi(2);

@@ -117,6 +117,7 @@ fn a_good_recording_passes() {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn a_turned_axis_is_named_beside_a_load_that_nobody_stated() {
     common::at_root();
     // On the axis of the flange, where one number is the remedy, and off it.
@@ -245,6 +246,7 @@ fn arms_are_not_exchanged_for_their_friction() {
 
 /// Other names of the arms turn the robot by 120° about z, and a payload that is not where it is stated with it.
 #[test]
+#[ignore = "campaign"]
 fn arms_are_not_exchanged_for_a_shifted_payload() {
     common::at_root();
     let model = nominal();
@@ -261,6 +263,7 @@ fn arms_are_not_exchanged_for_a_shifted_payload() {
 
 /// Friction that grows with a root of the speed, 13.5 N·m at 10 rad/s, resembles the torques of poses 30° away along a work cycle.
 #[test]
+#[ignore = "campaign"]
 fn strong_friction_is_no_wrong_zero() {
     common::at_root();
     let model = nominal();

@@ -279,6 +279,7 @@ mod tests {
 
     /// Correlation times of 2 ms (white) to 50 ms, at three times the noise floor; motions of 16 s, and 0.8 s of the first one.
     #[test]
+    #[ignore = "campaign"]
     fn noise_is_not_related_whatever_its_memory() {
         for (memory, first) in [0.0, 0.6, 0.9, 0.96].into_iter().flat_map(|a| [(a, LEN / 2), (a, 400)]) {
             let false_alarms = (0..20).filter(|&seed| {
