@@ -5,6 +5,7 @@ use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::{Dataset, Estimate, Residuals, fit};
 use deltatwin::machine::Setup;
+use deltatwin::machine::bodies::PLATFORM;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
@@ -119,6 +120,25 @@ fn friction_at_low_speed_has_the_error_that_is_stated() {
         println!("{name}: {errors:.1?} standard errors");
         assert!(errors.len() >= 4 && errors.iter().all(|e| e.abs() < 4.0), "{name}: {errors:?}");
     }
+}
+
+/// A tilt and the masses are factors of each other: a step from masses that are off has the tilt off by as much.
+#[test]
+fn a_tilt_does_not_depend_on_where_the_masses_start() {
+    let (nominal, tilt) = (model("irb360-6-1600"), [0.04, -0.03]);
+    let with = |tilt: [f64; 2], heavier: f64| {
+        let mut robot = nominal.clone();
+        robot.effects.push(ActiveEffect::new(find("base_tilt").unwrap(), &[&tilt]));
+        robot.bodies[PLATFORM].mass *= heavier;
+        robot
+    };
+    let (recording, _) = run(&with(tilt, 1.0), 2, 4.0, false);
+    let dataset = Dataset::new(&recording);
+    let noise = [dataset.noise(&nominal)];
+    let fitted = fit(&with([0.0; 2], 2.0), std::slice::from_ref(&dataset), &noise).unwrap();
+    let found: Vec<f64> = fitted.parameters.iter().filter(|p| p.param.effect == "base_tilt").map(|p| p.value).collect();
+    println!("{found:?}");
+    assert!(found.iter().zip(tilt).all(|(found, tilt)| (found - tilt).abs() < 2e-3 * tilt.abs()), "{found:?}");
 }
 
 #[test]

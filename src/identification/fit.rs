@@ -299,11 +299,14 @@ impl Regression<'_> {
     }
 }
 
-/// Whether any parameter enters the prediction nonlinearly.
+/// Whether any parameter enters the prediction nonlinearly: in itself, or as the factor of another one, as a tilt of the base
+/// is of the masses.
 pub fn is_nonlinear(model: &Model) -> bool {
     model.effects.iter().any(|a| {
-        a.effect.spec().reads.reactions
-            || a.effect.spec().reads.torque
+        let reads = a.effect.spec().reads;
+        reads.reactions
+            || reads.torque
+            || reads.inertia
             || a.effect.kind().acts_on_the_whole()
             || a.effect.parameters().iter().any(|p| p.role == Role::Shape)
     })
