@@ -16,9 +16,7 @@ use crate::machine::bodies::{PLATFORM, SLOTS};
 use crate::machine::plate::MAX_PARTS;
 use crate::machine::{Geometry, PerLimb, PerStrut, StrutList, StrutMatrix, StrutVector, each, every_strut};
 
-/// Most coordinates: as many as struts.
-type Square = StrutMatrix;
-/// Rates of, or loads on, the coordinates; the ones after the last are zero.
+/// Rates of, or loads on, the coordinates, at most as many as struts; the ones after the last are zero.
 pub(super) type Coordinates = StrutVector;
 
 /// Per coordinate the twists of the parts.
@@ -27,7 +25,7 @@ type Twists = StrutList<[Twist; MAX_PARTS]>;
 /// What inverts the gap rates of the coordinates.
 enum Inverse {
     /// G⁻¹ of as many coordinates as struts.
-    Exact(Square),
+    Exact(StrutMatrix),
     /// Root of GᵀG, with ones for the coordinates after the last.
     Least(Cholesky<f64, U8>),
 }
@@ -42,7 +40,7 @@ pub(super) struct PlateMotions {
     passive: std::ops::Range<usize>,
     inverse: Inverse,
     /// Gap rates at each strut (rows) per rate of the coordinates (columns), G.
-    gaps: Square,
+    gaps: StrutMatrix,
 }
 
 /// Axial forces, N, to add to those at the lower balls of an assembled robot so that redundant struts are without prestress:
@@ -76,7 +74,7 @@ impl PlateMotions {
             twists.try_push([STILL; MAX_PARTS]).map_err(|_| singular())?;
         }
         let part = |body: usize| bodies.iter().position(|&b| b == body).unwrap_or(0);
-        let (mut gaps, mut lever) = (Square::zeros(), each(0.0));
+        let (mut gaps, mut lever) = (StrutMatrix::zeros(), each(0.0));
         for s in 0..motion.struts() {
             let (u, limb) = (&motion.strut_axis[s], s / 2);
             lever[s] = motion.upper_rate(s);

@@ -370,8 +370,7 @@ impl Geometry {
             (joints.qd[i], joints.qdd[i]) = (step.rate, step.acceleration);
         }
         if may_have_telescope(self.limbs.len()) {
-            let last = TELESCOPE_AXIS;
-            [joints.q[last], joints.qd[last], joints.qdd[last]] = platform.psi;
+            [joints.q[TELESCOPE_AXIS], joints.qd[TELESCOPE_AXIS], joints.qdd[TELESCOPE_AXIS]] = platform.psi;
         }
         Ok(joints)
     }

@@ -25,7 +25,7 @@ pub const MAX_SOCKETS: usize = 2 * MAX_STRUTS;
 /// Index of the axis that turns the end effector over the telescope; the fourth arm of a machine with four driven limbs.
 pub const TELESCOPE_AXIS: usize = AXES - 1;
 
-/// Whether a machine with `limbs` limbs leaves the telescope's axis to a telescope: it has not a fourth arm.
+/// Whether a machine with `limbs` limbs leaves the axis of the telescope free: a fourth arm takes it.
 #[inline]
 pub const fn may_have_telescope(limbs: usize) -> bool {
     limbs <= TELESCOPE_AXIS
