@@ -219,7 +219,7 @@ fn two_effects_stand_where_one_has_another_shape() {
     let mut heavy = robot();
     heavy.effects.push(ActiveEffect::new(
         find("limb_asymmetry").unwrap(),
-        &[&[0.4, 0.0, 0.0, 0.0, 0.0, 0.0], &[0.0; 3], &[1.106], &[0.5]],
+        &[&[0.4, 0.0, 0.0, 0.0, 0.0, 0.0], &[0.0; 3], &[1.106], &[0.5], &[0.35], &[0.58]],
     ));
     let law: Law = |at| on_arms(|i| -4.0 * at.motion.qd[i].signum() * (-at.motion.qd[i].abs() / 0.125).exp());
     let (d, _) = diagnosed(|seed| recorded(&heavy, law, [0.0; 4], [1.0; 4], seed));

@@ -209,7 +209,12 @@ pub(super) fn next(
         Some(finding) => {
             let rivals = rivals(finding, end, candidates);
             let names: Vec<&str> = rivals.iter().map(|a| a.effect.name()).collect();
-            open(&without_effects(end, &names)).tell(&rivals)
+            // An effect that imitates the others has moved the parameters of the model with it.
+            let without = match found.outcome.findings.len() {
+                1 => found.start.fit.model.clone(),
+                _ => without_effects(end, &names),
+            };
+            open(&without).tell(&rivals)
         }
         None => {
             let unseen = ranking.candidates.iter().filter(|a| !a.is_revealed(&found.settings));
@@ -271,14 +276,16 @@ fn proposal(experiment: &Experiment, promise: &Prospect, ranked: &[(Experiment, 
     }
 }
 
-/// `active` with the sizes estimated by the evidence as `(name, value)`, each name with its effect as prefix.
+/// `active` with the sizes estimated by the evidence as `(name, value)`, each name with its effect as prefix, within the ranges of
+/// the law: estimates of what the data hardly determine leave them.
 pub fn sized(active: &ActiveEffect, coefficients: impl Iterator<Item = (String, f64)>) -> ActiveEffect {
     let mut sized = active.clone();
     let entries = active.entries();
     for (name, value) in coefficients {
         let own = |e: &crate::effects::Entry| name == e.full_name();
         if let Some(i) = entries.iter().position(own) {
-            sized.values[i] = value;
+            let (low, high) = entries[i].parameter.range;
+            sized.values[i] = value.clamp(low, high);
         }
     }
     sized

@@ -5,9 +5,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::DiagnosisError;
 use super::problem::block;
-use crate::effects::{Effect, Param};
+use crate::effects::{ActiveEffect, Effect, Entry, Param};
 use crate::identification::fit::{self, Fit, FitError, Options as FitOptions, fit_with};
 use crate::identification::{Dataset, KeptColumns, Laps, NoiseLevel, Repeats, Residuals};
+use crate::machine::Unit;
 use crate::model::Model;
 
 /// Function that returns the share of the permitted time that has passed; 1 or more when it is up, infinity to stop.
@@ -51,6 +52,11 @@ const PREDICTION: f64 = 0.3;
 const FULL: f64 = 50_000.0;
 const LEAST: f64 = 0.25;
 
+/// Time, s, over which samples are averaged for fits of models whose laws are slower than 50 Hz, and share of it that is
+/// hardly a delay.
+const MEANS: f64 = 2e-3;
+const HARDLY: f64 = 0.1;
+
 /// Share of the time after which no further effect is searched.
 const LAST_SEARCH: f64 = 0.6;
 /// The share for the first effect, large enough for a slow computer to try it.
@@ -61,6 +67,9 @@ pub(super) struct Fitting<'a> {
     pub datasets: &'a [Dataset],
     /// The recordings with the columns that their models share.
     pub kept: Vec<KeptColumns<'a>>,
+    /// Their [`means`]; may be empty.
+    means: &'a [Dataset],
+    kept_means: Vec<KeptColumns<'a>>,
     /// Their noise.
     pub noise: NoiseLevel,
     /// Noise of their means over [`block`] samples by repeated laps, where that differs from white noise; may be empty.
@@ -87,12 +96,37 @@ pub struct Work {
     pub rankings: usize,
 }
 
+/// Means of the recordings of a robot over [`MEANS`], where its motion determines the torques; empty where the sampling is as
+/// slow.
+pub(super) fn means(datasets: &[Dataset]) -> Vec<Dataset> {
+    let is_fast = |t: &Dataset| t.mechanism.axes() > 1 && t.stride(MEANS) > 1 && !t.blurs_reversals();
+    if !datasets.iter().all(is_fast) {
+        return Vec::new();
+    }
+    datasets.iter().map(|t| t.averaged(t.stride(MEANS))).collect()
+}
+
+/// Whether an effect changes little between the samples of `means`, and depends on the present motion alone.
+fn is_slow(active: &ActiveEffect, means: &[Dataset]) -> bool {
+    let step = means.iter().fold(f64::INFINITY, |least, t| least.min(t.dt));
+    let is_fast = |(entry, value): (Entry, &f64)| match entry.parameter.unit {
+        Unit::GearRatio | Unit::Hz => true,
+        Unit::S => active.effect.sensor().is_some() && value.abs() > HARDLY * step,
+        _ => false,
+    };
+    active.states() == 0
+        && active.gear_springs().is_none()
+        && !active.entries().into_iter().zip(&active.values).any(is_fast)
+}
+
 impl<'a> Fitting<'a> {
     pub fn new(model: &Model, datasets: &'a [Dataset], options: &Options<'a>) -> Self {
         let noise = NoiseLevel::of(model, datasets);
         Self {
             datasets,
             kept: KeptColumns::of(datasets),
+            means: &[],
+            kept_means: Vec::new(),
             noise,
             noise_of_means: Vec::new(),
             fixed: options.fixed,
@@ -102,6 +136,13 @@ impl<'a> Fitting<'a> {
             was_stopped: AtomicBool::new(false),
             work: Mutex::default(),
         }
+    }
+
+    /// With the [`means`] of the recordings, to which models without fast laws are fitted.
+    pub fn with_means(mut self, means: &'a [Dataset]) -> Self {
+        self.means = means;
+        self.kept_means = KeptColumns::of(means);
+        self
     }
 
     /// With the noise of repeated laps where it is sharper than that of neighbouring samples.
@@ -128,9 +169,21 @@ impl<'a> Fitting<'a> {
             self.was_stopped.fetch_or(is_late, Ordering::Relaxed);
             is_late
         };
-        let options =
-            FitOptions { fixed: self.fixed, kept: Some(&self.kept), stop: Some(&stop), ..FitOptions::default() };
-        let fitted = fit_with(model, self.datasets, &self.noise.of_each, &options)?;
+        let options = FitOptions { fixed: self.fixed, stop: Some(&stop), ..FitOptions::default() };
+        let fitted = match self.means {
+            means if !means.is_empty() && model.effects.iter().all(|a| is_slow(a, means)) => {
+                let share = |(own, mean): (&Dataset, &Dataset)| (own.dt / mean.dt).sqrt();
+                let scaled = |(sigma, share): (&Vec<f64>, f64)| sigma.iter().map(|s| s * share).collect();
+                let shares = self.datasets.iter().zip(means).map(share);
+                let noise: Vec<Vec<f64>> = self.noise.of_each.iter().zip(shares).map(scaled).collect();
+                let fit = fit_with(model, means, &noise, &FitOptions { kept: Some(&self.kept_means), ..options })?;
+                Fit { residuals: Arc::new(Residuals::along(&fit.model, &self.kept)?), ..fit }
+            }
+            _ => {
+                let options = FitOptions { kept: Some(&self.kept), ..options };
+                fit_with(model, self.datasets, &self.noise.of_each, &options)?
+            }
+        };
         let mut work = self.work.lock().unwrap_or_else(PoisonError::into_inner);
         work.fits += 1;
         work.fitting += fitted.work;

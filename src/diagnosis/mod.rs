@@ -68,7 +68,8 @@ pub fn diagnose_with(
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Diagnosis, DiagnosisError> {
     check(datasets, held_out)?;
-    let fitting = Fitting::new(model, datasets, options).with_repeats(model)?;
+    let means = fitting::means(datasets);
+    let fitting = Fitting::new(model, datasets, options).with_means(&means).with_repeats(model)?;
     let judge = Judge::new(&fitting, model, held_out)?;
     progress(Progress::Step("refit"));
     let refitted = fitting.refit(model, options)?;

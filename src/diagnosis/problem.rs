@@ -1,6 +1,7 @@
 //! Statistical problem of a model and its recordings: residuals, columns of its parameters, and columns of every
 //! effect that it lacks.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use super::DiagnosisError;
@@ -11,7 +12,7 @@ use super::progress::Progress;
 use crate::dynamics::Plant;
 use crate::effects::{self, ActiveEffect, Entry, Kind, Param, Role, Start};
 use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
-use crate::identification::dataset::averaged_segments;
+use crate::identification::dataset::{averaged_segments, runs};
 use crate::identification::fit::{Fit, FitError, kinematics, nominal_size};
 use crate::identification::prediction::{Channels, Laws, candidate_columns, own_columns};
 use crate::identification::{Dataset, KeptColumns, NoiseLevel, Residuals};
@@ -75,7 +76,12 @@ pub fn absent(
     let is_smoothed = datasets.iter().any(Dataset::smooths_reversals);
     let filters =
         |a: &ActiveEffect| a.effect.sensor().is_some_and(|sensor| sensor.memory(&a.at_nominal_size().values()) > 0.0);
-    let testable = testable.map(|e| variants(model, e)).filter(|shapes| !(is_smoothed && filters(&shapes[0])));
+    let hidden = datasets.iter().map(Dataset::hidden_travel).fold(0.0, f64::max);
+    let shown = |mut shapes: Vec<ActiveEffect>| {
+        shapes.retain(|a| !changes_within(a, hidden));
+        shapes
+    };
+    let testable = testable.map(|e| shown(variants(model, e))).filter(|shapes| !(is_smoothed && filters(&shapes[0])));
     let shapes = testable.filter(|shapes| !(is_slow && shapes[0].has_gears()));
     shapes.chain(orders::cogging(model, &fit.residuals, datasets).map(|found| vec![found])).collect()
 }
@@ -96,6 +102,14 @@ fn missing<'a>(
         .filter(|e| model.mechanism.has(e.acts_on(), model.assembled))
         .filter(|e| !model.effects.iter().any(|a| a.effect.name() == e.name()))
         .cloned()
+}
+
+/// Whether a shape of a law that also exists without it changes over an angle below `travel`.
+fn changes_within(active: &ActiveEffect, travel: f64) -> bool {
+    let within = |(e, value): (Entry, &f64)| {
+        e.parameter.or_zero && e.parameter.unit == Unit::Rad && *value > 0.0 && *value < travel
+    };
+    active.entries().into_iter().zip(&active.values).any(within)
 }
 
 /// An absent effect with the model's constants, one variant per initial shape.
@@ -174,8 +188,7 @@ impl Fitting<'_> {
         edges: Edges,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Problem, DiagnosisError> {
-        let datasets = self.datasets;
-        let (segments, samples) = segments(datasets);
+        let (segments, samples) = determined(self.datasets);
         let base = self.base(fit, edges)?;
         let columns = self.candidate_columns(&fit.model, candidates, progress)?;
         let mut columns = columns.into_iter();
@@ -231,7 +244,7 @@ impl Fitting<'_> {
         absent: &[Vec<ActiveEffect>],
     ) -> Result<Problem, DiagnosisError> {
         let datasets = self.datasets;
-        let (segments, samples) = segments(datasets);
+        let (segments, samples) = determined(datasets);
         let first = self::segments(&datasets[..before]).1;
         let later = |column: &Column| {
             let mut values = column.values.clone();
@@ -527,10 +540,24 @@ pub fn not_excited(problem: &Problem, unseen: &[String]) -> Vec<String> {
 }
 
 /// Averaged segments of all datasets in sequence, and their total length.
-pub fn segments(datasets: &[Dataset]) -> (Vec<std::ops::Range<usize>>, usize) {
+pub fn segments(datasets: &[Dataset]) -> (Vec<Range<usize>>, usize) {
     let averaged = averaged_segments(datasets, block(datasets));
     let samples = averaged.last().map_or(0, |s| s.end);
     (averaged, samples)
+}
+
+/// Their parts away from reversals, where the smoothed motion is the motion, and the total length of all.
+fn determined(datasets: &[Dataset]) -> (Vec<Range<usize>>, usize) {
+    let (averaged, samples) = segments(datasets);
+    let mut is_away = vec![true; samples];
+    let mut first = 0;
+    for dataset in datasets {
+        let near = dataset.blocks_near_reversals(block(datasets));
+        near.into_iter().for_each(|n| is_away[first + n.start..first + n.end].fill(false));
+        first += dataset.blocks(block(datasets)).count();
+    }
+    let away = |s: &Range<usize>| runs(&is_away[s.clone()], s.start);
+    (averaged.iter().flat_map(away).collect(), samples)
 }
 
 /// Residuals of datasets with their noise as one series, averaged over [`block`] samples.

@@ -6,7 +6,8 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
-use self::determined::{moving, runs};
+use self::determined::moving;
+pub use self::determined::runs;
 use super::derivatives::{Accuracy, Angles, Method, Motions};
 use super::filtering::MIN_HALF_WIDTH;
 use crate::dynamics::Plant;
@@ -303,13 +304,17 @@ impl Dataset {
         self.blocks(block).map(|b| series[b].iter().sum::<f64>() / block as f64).collect()
     }
 
+    /// Runs of blocks of `block` samples that contain a sample near a reversal, see [`Self::near_reversals`].
+    pub fn blocks_near_reversals(&self, block: usize) -> Vec<Range<usize>> {
+        let touches = |b: Range<usize>| self.near_reversals.iter().any(|r| r.start < b.end && b.start < r.end);
+        runs(&self.blocks(block).map(touches).collect::<Vec<_>>(), 0)
+    }
+
     /// The joint motion at the middle samples of blocks of `block` samples, with the channels averaged over the
     /// blocks.
     pub fn averaged(&self, block: usize) -> Self {
         let blocks: Vec<Range<usize>> = self.blocks(block).collect();
         let middle = |b: &Range<usize>| b.start + block / 2;
-        let touches = |b: &Range<usize>| self.near_reversals.iter().any(|r| r.start < b.end && b.start < r.end);
-        let is_near: Vec<bool> = blocks.iter().map(touches).collect();
         Self {
             t: blocks.iter().map(|b| self.t[middle(b)]).collect(),
             joints: blocks.iter().map(|b| self.joints[middle(b)]).collect(),
@@ -317,8 +322,9 @@ impl Dataset {
             measured: self.measured.iter().map(|m| self.means(m, block).into()).collect(),
             segments: averaged_segments(std::slice::from_ref(self), block),
             dt: block as f64 * self.dt,
-            half_width: self.half_width.map(|m| (m / block).max(MIN_HALF_WIDTH)),
-            near_reversals: runs(&is_near, 0),
+            // Angles that are smoothed stay distinct from exact ones.
+            half_width: self.half_width.map(|m| (m / block).max(MIN_HALF_WIDTH + usize::from(m > MIN_HALF_WIDTH))),
+            near_reversals: self.blocks_near_reversals(block),
             ..self.empty()
         }
     }

@@ -158,7 +158,7 @@ mod tests {
 
     #[test]
     fn losses_are_sums_of_squares_in_units_of_the_noise() {
-        let residuals = Residuals { series: vec![vec![vec![2.0; 64], vec![3.0; 64]]; 2], rms: vec![2.0, 3.0] };
+        let residuals = Residuals::from(vec![vec![vec![2.0; 64], vec![3.0; 64]]; 2]);
         // Four of 128 samples in each of 32 blocks: 4·((2/1)² + (3/2)²).
         let noise = NoiseLevel { of_each: vec![vec![1.0, 2.0]; 2], pooled: vec![1.0, 2.0] };
         let losses = blockwise(&residuals, &noise);

@@ -81,7 +81,7 @@ impl NormalEquations {
         let pass =
             |(kept, sigma): (&KeptColumns, &Vec<f64>)| all.pass(&kept.dataset.plant(model), kept, sigma, free, weight);
         let residuals = recordings.iter().zip(sigma).map(pass).collect::<Result<Vec<Channels>, _>>()?;
-        all.residuals = Arc::new(residuals.into());
+        all.residuals = Arc::new(Residuals::along_these(recordings, residuals));
         for b in all.blocks.iter().flatten() {
             all.information += &b.information;
             all.score += &b.score;

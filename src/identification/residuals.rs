@@ -1,5 +1,7 @@
 //! [`Residuals`]: measured minus predicted channels of recordings.
 
+use std::ops::Range;
+
 use super::fit::{FitError, kinematics};
 use super::prediction::{Channels, KeptColumns, predict, predict_knowing};
 use super::{Dataset, NoiseLevel};
@@ -10,6 +12,8 @@ use crate::model::Model;
 pub struct Residuals {
     /// Measured − predicted, N·m or N, per recording and channel.
     pub series: Vec<Channels>,
+    /// Samples of each recording that do not count in the RMS, see [`Dataset::near_reversals`].
+    uncounted: Vec<Vec<Range<usize>>>,
     /// Root mean square of each channel over all recordings, N·m or N.
     pub rms: Vec<f64>,
 }
@@ -48,7 +52,7 @@ impl Residuals {
             let predicted = predict(&dataset.plant(model), dataset).map_err(kinematics(dataset))?;
             Ok(subtracted(dataset, &predicted))
         };
-        datasets.iter().map(one).collect::<Result<Vec<_>, _>>().map(Self::from)
+        Ok(Self::counting(datasets.iter().map(one).collect::<Result<_, _>>()?, datasets.iter().map(near).collect()))
     }
 
     /// Residuals of `model` along recordings whose columns are kept from one model to the next.
@@ -61,12 +65,17 @@ impl Residuals {
             let predicted = kept.laws(&plant).and_then(|known| predict_knowing(&plant, dataset, &known));
             Ok(subtracted(dataset, &predicted.map_err(kinematics(dataset))?))
         };
-        recordings.iter().map(one).collect::<Result<Vec<_>, _>>().map(Self::from)
+        Ok(Self::along_these(recordings, recordings.iter().map(one).collect::<Result<_, _>>()?))
+    }
+
+    /// The residuals `series` of recordings.
+    pub(super) fn along_these(recordings: &[KeptColumns], series: Vec<Channels>) -> Self {
+        Self::counting(series, recordings.iter().map(|kept| near(kept.dataset)).collect())
     }
 
     /// Residuals of one recording with the given `predicted` channels.
     pub fn of(dataset: &Dataset, predicted: &[Vec<f64>]) -> Self {
-        vec![subtracted(dataset, predicted)].into()
+        Self::counting(vec![subtracted(dataset, predicted)], vec![near(dataset)])
     }
 
     /// Residuals of channel `c`, all recordings in sequence.
@@ -81,7 +90,7 @@ impl Residuals {
     pub fn minus(&self, other: &Self) -> Self {
         let of =
             |(a, b): (&Channels, &Channels)| -> Channels { a.iter().zip(b).map(|(a, b)| difference(a, b)).collect() };
-        self.series.iter().zip(&other.series).map(of).collect::<Vec<_>>().into()
+        Self::counting(self.series.iter().zip(&other.series).map(of).collect(), self.uncounted.clone())
     }
 
     /// These residuals times a factor.
@@ -89,7 +98,7 @@ impl Residuals {
         let of = |recording: &Channels| -> Channels {
             recording.iter().map(|series| series.iter().map(|r| factor * r).collect()).collect()
         };
-        self.series.iter().map(of).collect::<Vec<_>>().into()
+        Self::counting(self.series.iter().map(of).collect(), self.uncounted.clone())
     }
 
     /// Residuals restricted to the samples `kept` of each recording.
@@ -106,10 +115,35 @@ impl Residuals {
 
 impl From<Vec<Channels>> for Residuals {
     fn from(series: Vec<Channels>) -> Self {
-        let channels = series.iter().map(Vec::len).min().unwrap_or(0);
-        let rms = (0..channels).map(|c| root_mean_square(series.iter().flat_map(|recording| &recording[c]))).collect();
-        Self { series, rms }
+        let uncounted = vec![Vec::new(); series.len()];
+        Self::counting(series, uncounted)
     }
+}
+
+impl Residuals {
+    /// Residuals in whose RMS the samples `uncounted` of each recording do not count.
+    fn counting(series: Vec<Channels>, uncounted: Vec<Vec<Range<usize>>>) -> Self {
+        let channels = series.iter().map(Vec::len).min().unwrap_or(0);
+        let rms = |c: usize| {
+            let counted = |(own, out): (&Channels, &Vec<Range<usize>>)| outside(out, own[c].len());
+            let all = series.iter().zip(&uncounted).map(counted).collect::<Vec<_>>();
+            let parts = series.iter().zip(&all).flat_map(|(own, ranges)| ranges.iter().map(|r| &own[c][r.clone()]));
+            root_mean_square(parts.flatten())
+        };
+        let rms = (0..channels).map(rms).collect();
+        Self { series, uncounted, rms }
+    }
+}
+
+/// What is left of 0..`len` without `ranges`, which are in order.
+fn outside(ranges: &[Range<usize>], len: usize) -> Vec<Range<usize>> {
+    let starts = std::iter::once(0).chain(ranges.iter().map(|r| r.end.min(len)));
+    let ends = ranges.iter().map(|r| r.start.min(len)).chain(std::iter::once(len));
+    starts.zip(ends).map(|(start, end)| start..end).collect()
+}
+
+fn near(dataset: &Dataset) -> Vec<Range<usize>> {
+    dataset.near_reversals.clone()
 }
 
 fn subtracted(dataset: &Dataset, predicted: &[Vec<f64>]) -> Channels {
@@ -142,6 +176,8 @@ mod tests {
         assert_eq!(residuals.rms, [18f64.sqrt(), (1.0 / 3.0f64).sqrt()]);
         assert_eq!(residuals.channel(0), [3.0, 3.0, 6.0]);
         assert_eq!(residuals.at(&[vec![0], vec![]]).rms, [3.0, 1.0]);
+        assert_eq!(Residuals::counting(residuals.series.clone(), vec![vec![0..1], vec![]]).rms[0], 22.5f64.sqrt());
+        assert_eq!(outside(&[1..2, 4..5], 5), [0..1, 2..4, 5..5]);
         assert_eq!(residuals.times(-2.0).channel(0), [-6.0, -6.0, -12.0]);
         assert_eq!((rms(&[]), difference(&[2.0, 5.0], &[1.5])), (0.0, vec![0.5]));
     }

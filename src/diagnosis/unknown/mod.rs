@@ -30,7 +30,7 @@ use matching_pursuit::{Formulation, Found, Ground, Pursuit, gain};
 
 /// Share of the explainable error left by named effects, relative to a formula at one place without them, above which
 /// they are replaced; the shapes of their laws may differ slightly from the library's.
-const LEFT_AT_ONE_PLACE: f64 = 0.06;
+const LEFT_AT_ONE_PLACE: f64 = 0.12;
 /// The share for a formula at several places.
 const LEFT_AT_SEVERAL: f64 = 0.2;
 /// The share for a formula in addition to the named effects, which may only correct their approximations.

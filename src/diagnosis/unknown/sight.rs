@@ -85,6 +85,8 @@ impl Sight {
         let scaled = |mut channels: Channels| {
             for (series, sigma) in channels.iter_mut().zip(&noise) {
                 series.iter_mut().for_each(|x| *x /= sigma);
+                // Without a say near reversals, where the smoothed motion is not the motion.
+                thin.near_reversals.iter().for_each(|near| series[near.clone()].fill(0.0));
             }
             channels
         };

@@ -7,6 +7,7 @@ use crate::identification::derivatives::{Accuracy, NEARBY, TURNING};
 use crate::identification::filtering::MIN_HALF_WIDTH;
 use crate::kinematics::JointState;
 use crate::machine::{Mechanism, every_axis};
+use crate::numerics::median;
 use crate::recording::{Channel, Signals, is_even};
 
 /// Half width of the differentiation, s, and least rate with a known sign, rad/s or m/s, up to which reversals are resolved:
@@ -92,10 +93,9 @@ impl Dataset {
         if self.blurs_reversals() {
             return Vec::new();
         }
-        let (scales, most) = NEAR;
         let mut is_near = vec![false; self.len()];
         for axis in (0..self.mechanism.axes()).filter(|&axis| self.half_width[axis] > MIN_HALF_WIDTH) {
-            let reach = (scales * self.accuracy[axis].width / self.dt).ceil() as usize;
+            let reach = self.reach(axis);
             let nearby = (NEARBY / self.dt).ceil() as usize;
             for k in self.reversals(axis) {
                 let around = k.saturating_sub(nearby)..(k + nearby).min(self.len());
@@ -105,7 +105,24 @@ impl Dataset {
             }
         }
         let share = is_near.iter().filter(|b| **b).count() as f64 / self.len().max(1) as f64;
-        if share > most { Vec::new() } else { runs(&is_near, 0) }
+        if share > NEAR.1 { Vec::new() } else { runs(&is_near, 0) }
+    }
+
+    /// Samples before and after a reversal of an axis that fine angles do not resolve.
+    fn reach(&self, axis: usize) -> usize {
+        (NEAR.0 * self.accuracy[axis].width / self.dt).ceil() as usize
+    }
+
+    /// Angle, rad or m, that an axis turns after a reversal before a fit uses its samples: the median, of the axis with the
+    /// largest one.
+    pub fn hidden_travel(&self) -> f64 {
+        let of = |axis: usize| {
+            let is_hidden = |k: &usize| self.near_reversals.iter().any(|near| near.contains(k));
+            let end = |k: usize| (k + self.reach(axis)).min(self.len() - 1);
+            let travel = |k: usize| (self.joints[end(k)].q[axis] - self.joints[k].q[axis]).abs();
+            median(self.reversals(axis).filter(is_hidden).map(travel))
+        };
+        (0..self.mechanism.axes()).map(of).fold(0.0, f64::max)
     }
 
     /// Time over which the angles are smoothed, s, of the axis with the coarsest ones, where that hides reversals.
@@ -173,7 +190,7 @@ fn samples(ranges: &[Vec<Range<usize>>]) -> f64 {
 }
 
 /// Runs of `true`, shifted by `offset`.
-pub(super) fn runs(flags: &[bool], offset: usize) -> Vec<Range<usize>> {
+pub fn runs(flags: &[bool], offset: usize) -> Vec<Range<usize>> {
     let mut found = Vec::new();
     let mut start = None;
     for (k, flag) in flags.iter().chain([&false]).enumerate() {

@@ -330,7 +330,7 @@ mod tests {
         assert_eq!(middle.len(), 400);
         assert_eq!(middle.measured[0][199..201], [997.0, 1003.0]);
         approx::assert_relative_eq!(middle.t[200], 1003.0 * DT);
-        assert_eq!(middle.half_width, [3; 4]);
+        assert_eq!(middle.half_width, [4; 4]);
     }
 
     /// Force laws agree to rounding; differences at the middle deviate from the mean over a block by c̈·(5·dt)²/24,

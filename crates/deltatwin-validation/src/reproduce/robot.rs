@@ -60,8 +60,9 @@ pub fn with_measurement_strut(robot: &Model) -> Model {
     let mut extra: SixStruts<f64> = each(0.0);
     extra[0] = paper::MEASUREMENT_STRUT - robot.bodies[STRUT].mass;
     let lengths = [[robot.geometry.limbs[0].strut_length], [robot.geometry.limbs[0].arm_length]];
+    let [center, gyration] = [[0.5], [f64::sqrt(1.0 / 3.0)]];
     let effect = find("limb_asymmetry").expect("a registered effect");
     measuring.effects.retain(|a| a.effect.name() != effect.name());
-    measuring.effects.push(ActiveEffect::new(effect, &[&extra, &arms, &lengths[0], &lengths[1]]));
+    measuring.effects.push(ActiveEffect::new(effect, &[&extra, &arms, &lengths[0], &lengths[1], &center, &gyration]));
     measuring
 }
