@@ -69,16 +69,15 @@ pub fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
 /// Largest number of parameters of an effect on the screen.
 const MAX_VALUES: usize = 8;
 
-/// Parameters with their standard errors in one line; the first of many.
+/// Parameters with their standard errors in one line, those that are not determined last; the first of many.
 fn values(parameters: &[Estimate]) -> String {
-    let value = |p: &Estimate| match p.identified() {
-        true => {
-            let estimate = with_error(p.value, p.std);
-            format!("{} = {}", p.name, p.unit.quantity(estimate))
-        }
-        false => format!("{} not determined alone", p.name),
-    };
-    let mut texts: Vec<String> = parameters.iter().take(MAX_VALUES).map(value).collect();
+    let value = |p: &&Estimate| format!("{} = {}", p.name, p.unit.quantity(with_error(p.value, p.std)));
+    let (known, open): (Vec<&Estimate>, Vec<_>) = parameters.iter().partition(|p| p.identified());
+    let mut texts: Vec<String> = known.iter().take(MAX_VALUES).map(value).collect();
+    let names: Vec<&str> = open.iter().take(MAX_VALUES - texts.len()).map(|p| &*p.name).collect();
+    if !names.is_empty() {
+        texts.push(format!("{} not determined alone", names.join(", ")));
+    }
     if parameters.len() > MAX_VALUES {
         texts.push(format!("and {} more with --json", parameters.len() - MAX_VALUES));
     }
