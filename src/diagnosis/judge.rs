@@ -12,8 +12,8 @@ use crate::identification::{Dataset, KeptColumns, NoiseLevel, Residuals};
 use crate::model::Model;
 
 /// Smallest relative RMS contribution of an effect on some channel, for it to be named. It is relative to the
-/// residual with the effect on the validation data, because the smoothing error at reversals is present in every
-/// recording, and an effect much smaller than a large model error explains nothing.
+/// residual with the effect on the validation data, because smoothing leaves an error in every recording, and an effect much
+/// smaller than a large model error explains nothing.
 pub(super) const MIN_RELEVANCE: f64 = 0.1;
 
 /// The smallest contribution over coarse angles, a tenth of the variance: their smoothing leaves an error that follows the
