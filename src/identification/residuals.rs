@@ -111,16 +111,21 @@ impl Residuals {
         };
         self.series.iter().zip(kept).map(of).collect::<Vec<_>>().into()
     }
-}
 
-impl From<Vec<Channels>> for Residuals {
-    fn from(series: Vec<Channels>) -> Self {
-        let uncounted = vec![Vec::new(); series.len()];
-        Self::counting(series, uncounted)
+    /// Share of what the residuals leave above the noise `sigma` of each recording and channel, N·m or N, that lies in samples
+    /// that do not count in the RMS: by squares, relative to the noise.
+    pub fn uncounted_share(&self, sigma: &[Vec<f64>]) -> f64 {
+        let (mut uncounted, mut all) = (0.0, 0.0);
+        for ((recording, out), sigma) in self.series.iter().zip(&self.uncounted).zip(sigma) {
+            for (series, sigma) in recording.iter().zip(sigma).filter(|(_, sigma)| **sigma > 0.0) {
+                let above = |samples: &[f64]| samples.iter().map(|r| (r / sigma).powi(2) - 1.0).sum::<f64>();
+                uncounted += out.iter().map(|range| above(&series[range.clone()])).sum::<f64>();
+                all += above(series);
+            }
+        }
+        uncounted / all
     }
-}
 
-impl Residuals {
     /// Residuals in whose RMS the samples `uncounted` of each recording do not count.
     fn counting(series: Vec<Channels>, uncounted: Vec<Vec<Range<usize>>>) -> Self {
         let channels = series.iter().map(Vec::len).min().unwrap_or(0);
@@ -132,6 +137,13 @@ impl Residuals {
         };
         let rms = (0..channels).map(rms).collect();
         Self { series, uncounted, rms }
+    }
+}
+
+impl From<Vec<Channels>> for Residuals {
+    fn from(series: Vec<Channels>) -> Self {
+        let uncounted = vec![Vec::new(); series.len()];
+        Self::counting(series, uncounted)
     }
 }
 
@@ -176,7 +188,10 @@ mod tests {
         assert_eq!(residuals.rms, [18f64.sqrt(), (1.0 / 3.0f64).sqrt()]);
         assert_eq!(residuals.channel(0), [3.0, 3.0, 6.0]);
         assert_eq!(residuals.at(&[vec![0], vec![]]).rms, [3.0, 1.0]);
-        assert_eq!(Residuals::counting(residuals.series.clone(), vec![vec![0..1], vec![]]).rms[0], 22.5f64.sqrt());
+        let counting = Residuals::counting(residuals.series.clone(), vec![vec![0..1], vec![]]);
+        assert_eq!(counting.rms[0], 22.5f64.sqrt());
+        // Above the noise are 8, 8 and 8 of the first channel; a channel without noise does not count.
+        assert_eq!(counting.uncounted_share(&[vec![1.0, 0.0], vec![2.0, 0.0]]), 8.0 / 24.0);
         assert_eq!(outside(&[1..2, 4..5], 5), [0..1, 2..4, 5..5]);
         assert_eq!(residuals.times(-2.0).channel(0), [-6.0, -6.0, -12.0]);
         assert_eq!((rms(&[]), difference(&[2.0, 5.0], &[1.5])), (0.0, vec![0.5]));
