@@ -263,6 +263,9 @@ fn left([before, after, floor]: [&[f64]; 3]) -> f64 {
     excess(after) / excess(before).max(f64::MIN_POSITIVE)
 }
 
+/// Least noise relative to the floor.
+const LEAST: f64 = 1e-6;
+
 /// Verdict where everything but noise is explained by `named` effects.
 fn verdict_of_names(named: usize, is_ambiguous: bool) -> Verdict {
     match named {
@@ -275,9 +278,10 @@ fn verdict_of_names(named: usize, is_ambiguous: bool) -> Verdict {
 
 /// Difference of the shares of the explainable error between `without` and `with`.
 ///
-/// All arguments are RMS residuals per channel on the same data; the explainable error is that of `before` above the
-/// noise `floor`.
+/// All arguments are RMS residuals per channel on the same data; the explainable error is the part of `before` above the
+/// noise `floor`, or above what `with` leaves where that is less: the floor is an estimate, and fast effects raise it.
 pub(super) fn explained(before: &[f64], without: &[f64], with: &[f64], floor: &[f64]) -> f64 {
+    let floor = &floor.iter().zip(with).map(|(floor, with)| floor.min(with.max(LEAST * floor))).collect::<Vec<_>>()[..];
     let explainable = relative_energy(before, floor) - floor.len() as f64;
     if explainable <= 0.0 {
         return 0.0;
@@ -305,5 +309,14 @@ mod tests {
     fn a_name_is_less_likely_where_a_tenth_is_left() {
         assert_eq!(share_of_names(0.09), 1.0);
         approx::assert_relative_eq!(share_of_names(0.2), 0.8);
+    }
+
+    #[test]
+    fn noise_is_no_more_than_what_is_left() {
+        // Above the noise are 4 - 1 before and 2.5 - 1 without; a floor of 3 is too high.
+        let of = |floor: f64, with: f64| explained(&[2.0], &[2.5f64.sqrt()], &[with], &[floor]);
+        approx::assert_relative_eq!(of(1.0, 1.0), 0.5);
+        approx::assert_relative_eq!(of(3.0, 1.0), 0.5);
+        approx::assert_relative_eq!(of(1.0, 0.0), 2.5 / 4.0, epsilon = 1e-9);
     }
 }

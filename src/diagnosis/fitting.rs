@@ -96,14 +96,15 @@ pub struct Work {
     pub rankings: usize,
 }
 
-/// Means of the recordings of a robot over [`MEANS`], where its motion determines the torques; empty where the sampling is as
-/// slow.
+/// Means of the recordings of a robot over [`MEANS`] or a [`block`], where its motion determines the torques; empty where the
+/// sampling is as slow.
 pub(super) fn means(datasets: &[Dataset]) -> Vec<Dataset> {
-    let is_fast = |t: &Dataset| t.mechanism.axes() > 1 && t.stride(MEANS) > 1 && !t.blurs_reversals();
+    let stride = |t: &Dataset| t.stride(MEANS).min(block(datasets));
+    let is_fast = |t: &Dataset| t.mechanism.axes() > 1 && stride(t) > 1 && !t.blurs_reversals();
     if !datasets.iter().all(is_fast) {
         return Vec::new();
     }
-    datasets.iter().map(|t| t.averaged(t.stride(MEANS))).collect()
+    datasets.iter().map(|t| t.averaged(stride(t))).collect()
 }
 
 /// Whether an effect changes little between the samples of `means`, and depends on the present motion alone.
@@ -170,24 +171,45 @@ impl<'a> Fitting<'a> {
             is_late
         };
         let options = FitOptions { fixed: self.fixed, stop: Some(&stop), ..FitOptions::default() };
-        let fitted = match self.means {
-            means if !means.is_empty() && model.effects.iter().all(|a| is_slow(a, means)) => {
-                let share = |(own, mean): (&Dataset, &Dataset)| (own.dt / mean.dt).sqrt();
-                let scaled = |(sigma, share): (&Vec<f64>, f64)| sigma.iter().map(|s| s * share).collect();
-                let shares = self.datasets.iter().zip(means).map(share);
-                let noise: Vec<Vec<f64>> = self.noise.of_each.iter().zip(shares).map(scaled).collect();
-                let fit = fit_with(model, means, &noise, &FitOptions { kept: Some(&self.kept_means), ..options })?;
-                Fit { residuals: Arc::new(Residuals::along(&fit.model, &self.kept)?), ..fit }
-            }
-            _ => {
-                let options = FitOptions { kept: Some(&self.kept), ..options };
-                fit_with(model, self.datasets, &self.noise.of_each, &options)?
-            }
+        let fitted = if self.are_slow(model.effects.iter()) {
+            let fit = fit_with(
+                model,
+                self.means,
+                &self.noise_of_the_means(),
+                &FitOptions { kept: Some(&self.kept_means), ..options },
+            )?;
+            Fit { residuals: Arc::new(Residuals::along(&fit.model, &self.kept)?), ..fit }
+        } else {
+            fit_with(model, self.datasets, &self.noise.of_each, &FitOptions { kept: Some(&self.kept), ..options })?
         };
         let mut work = self.work.lock().unwrap_or_else(PoisonError::into_inner);
         work.fits += 1;
         work.fitting += fitted.work;
         Ok(fitted)
+    }
+
+    /// Whether the means determine the torques of all `effects`.
+    pub fn are_slow<'e>(&self, effects: impl IntoIterator<Item = &'e ActiveEffect>) -> bool {
+        !self.means.is_empty() && effects.into_iter().all(|active| is_slow(active, self.means))
+    }
+
+    /// Noise of the means of each recording and channel, N·m or N.
+    fn noise_of_the_means(&self) -> Vec<Vec<f64>> {
+        let scaled = |((own, mean), sigma): ((&Dataset, &Dataset), &Vec<f64>)| {
+            sigma.iter().map(|s| s * (own.dt / mean.dt).sqrt()).collect()
+        };
+        self.datasets.iter().zip(self.means).zip(&self.noise.of_each).map(scaled).collect()
+    }
+
+    /// The recordings along which columns of a model with `effects` are computed, and how many of their samples make a
+    /// [`block`]: one of their means where these are blocks and determine the torques.
+    pub fn rows<'e>(&self, effects: impl IntoIterator<Item = &'e ActiveEffect>) -> (&[KeptColumns<'a>], usize) {
+        let block = block(self.datasets);
+        let is_block = |(own, mean): (&Dataset, &Dataset)| own.stride(mean.dt) == block;
+        match self.are_slow(effects) && self.datasets.iter().zip(self.means).all(is_block) {
+            true => (&self.kept_means, 1),
+            false => (&self.kept, block),
+        }
     }
 
     /// Counts assessments of all candidates.

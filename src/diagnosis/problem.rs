@@ -20,11 +20,12 @@ use crate::kinematics::KinematicsError;
 use crate::machine::{Mechanism, Unit};
 use crate::model::Model;
 use crate::recording::Channel::Torque;
-use crate::recording::Signals;
+use crate::recording::{Series, Signals};
 
-/// Share of the error above the noise next to reversals beyond which an effect makes it, and not the smoothing of the motion
-/// alone: a half with elastic gears, a quarter with friction at low speed.
-const REAL: f64 = 1.0 / 3.0;
+/// Error next to reversals beyond which an effect makes it, and not the smoothing of the motion alone: root mean square in
+/// units of the noise, and share of the error above the noise. Elastic gears leave 15 and 0.4; next to friction at low speed,
+/// wrong lengths or coarse encoders are 5 and 0.4, or 8 and 0.2.
+const REAL: (f64, f64) = (10.0, 1.0 / 3.0);
 
 /// Time over which the samples of a lone axis are averaged, s: it keeps nine tenths of the amplitude at 125 Hz, as the
 /// ripple of its motor.
@@ -53,8 +54,8 @@ const USUAL_SHARE: f64 = 0.1;
 /// the whole travel.
 const LEAST_TURNS: f64 = 2.0;
 
-/// Shapes of candidates whose columns are computed together: laws on the known motion, and effects that act through the
-/// entire prediction.
+/// Shapes of candidates whose columns are computed together: laws on the known motion and sensors on the known torques, and
+/// effects that act through the entire prediction.
 const LAWS: usize = 16;
 const WHOLES: usize = 3;
 
@@ -193,7 +194,8 @@ impl Fitting<'_> {
         edges: Edges,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Problem, DiagnosisError> {
-        let is_real = fit.residuals.uncounted_share(&self.noise.of_each) > REAL;
+        let (rms, share) = fit.residuals.uncounted(&self.noise.of_each);
+        let is_real = rms > REAL.0 && share > REAL.1;
         let (segments, samples) = if is_real { segments(self.datasets) } else { determined(self.datasets) };
         let base = self.base(fit, edges)?;
         let columns = self.candidate_columns(&fit.model, candidates, progress)?;
@@ -297,7 +299,7 @@ impl Fitting<'_> {
     /// Columns of all estimated parameters of a model except those that the motion does not excite.
     pub fn owned_columns(&self, model: &Model) -> Result<Vec<Owned>, FitError> {
         let parameters = self.datasets[0].plant(model).parameters();
-        let all = self.averaged(model, &own_columns)?;
+        let all = self.averaged(model, &[], &own_columns)?;
         let free = parameters.free(&[]).into_iter().map(|k| (k, &parameters[k]));
         let owned = free.map(|(k, p)| Owned {
             param: p.param,
@@ -328,16 +330,22 @@ impl Fitting<'_> {
         let mut left: Vec<usize> = candidates.iter().map(Vec::len).collect();
         let owners: Vec<usize> = left.iter().enumerate().flat_map(|(k, n)| std::iter::repeat_n(k, *n)).collect();
         let candidates = candidates.concat();
-        let is_whole = |i: &usize| candidates[*i].effect.kind().acts_on_the_whole();
-        let (wholes, laws): (Vec<usize>, Vec<usize>) = (0..candidates.len()).partition(is_whole);
+        let class = |i: &usize| {
+            let kind = candidates[*i].effect.kind();
+            (kind == Kind::Sensor, kind.acts_on_the_whole(), !self.are_slow(&candidates[*i..=*i]))
+        };
+        let mut order: Vec<usize> = (0..candidates.len()).collect();
+        order.sort_by_key(class);
+        let most = |own: &[usize]| if let (false, true, _) = class(&own[0]) { WHOLES } else { LAWS };
+        let groups = order.chunk_by(|a, b| class(a) == class(b)).flat_map(|own| own.chunks(most(own)));
         let mut columns = vec![Vec::new(); candidates.len()];
-        for group in laws.chunks(LAWS).chain(wholes.chunks(WHOLES)) {
+        for group in groups {
             self.go_on()?;
             let own: Vec<ActiveEffect> = group.iter().map(|&i| candidates[i].clone()).collect();
             let columns_of = |plant: &Plant, dataset: &Dataset, block: usize, known: Laws| {
                 candidate_columns(plant, dataset, &own, block, known)
             };
-            let all = self.averaged(model, &columns_of)?;
+            let all = self.averaged(model, &own, &columns_of)?;
             for (j, &i) in group.iter().enumerate() {
                 let entries = candidates[i].entries();
                 let linear = entries.iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Linear);
@@ -355,15 +363,20 @@ impl Fitting<'_> {
     }
 
     /// Columns that `of` computes for the plant of every recording from those known, averaged over [`block`] samples:
-    /// `[recording][effect][parameter][channel][block]`.
-    fn averaged(&self, model: &Model, of: ColumnsOf) -> Result<Vec<Vec<Vec<Channels>>>, FitError> {
-        let block = block(self.datasets);
+    /// `[recording][effect][parameter][channel][block]`; `added` are effects in addition to those of `model`.
+    fn averaged(
+        &self,
+        model: &Model,
+        added: &[ActiveEffect],
+        of: ColumnsOf,
+    ) -> Result<Vec<Vec<Vec<Channels>>>, FitError> {
+        let (recordings, block) = self.rows(model.effects.iter().chain(added));
         let one = |kept: &KeptColumns| {
             let (plant, dataset) = (kept.dataset.plant(model), kept.dataset);
             let columns = kept.laws(&plant).and_then(|known| of(&plant, dataset, block, known));
             columns.map_err(kinematics(dataset))
         };
-        self.kept.iter().map(one).collect()
+        recordings.iter().map(one).collect()
     }
 
     /// Columns of the smoothing error of friction at the reversals of recordings that do not resolve them.
@@ -400,7 +413,7 @@ impl Fitting<'_> {
     }
 
     /// Residuals of the fitted recordings as one series.
-    pub fn residual_series(&self, residuals: &Residuals) -> Vec<f64> {
+    pub fn residual_series(&self, residuals: &Residuals) -> Series {
         residual_series(self.datasets, &self.noise, residuals)
     }
 
@@ -567,7 +580,7 @@ fn determined(datasets: &[Dataset]) -> (Vec<Range<usize>>, usize) {
 }
 
 /// Residuals of datasets with their noise as one series, averaged over [`block`] samples.
-pub fn residual_series(datasets: &[Dataset], noise: &NoiseLevel, residuals: &Residuals) -> Vec<f64> {
+pub fn residual_series(datasets: &[Dataset], noise: &NoiseLevel, residuals: &Residuals) -> Series {
     let block = block(datasets);
     let averaged = |(t, series): (&Dataset, &Channels)| series.iter().map(|own| t.means(own, block)).collect();
     let parts: Vec<Channels> = datasets.iter().zip(&residuals.series).map(averaged).collect();
@@ -577,7 +590,7 @@ pub fn residual_series(datasets: &[Dataset], noise: &NoiseLevel, residuals: &Res
 /// One series: channel by channel, dataset by dataset.
 ///
 /// Every recording weighs by its own noise: its part is scaled to the pooled noise of the channel.
-fn stack<'a>(noise: &NoiseLevel, datasets: impl Iterator<Item = &'a Channels>) -> Vec<f64> {
+fn stack<'a>(noise: &NoiseLevel, datasets: impl Iterator<Item = &'a Channels>) -> Series {
     let datasets: Vec<&Channels> = datasets.collect();
     let mut series = Vec::new();
     for (c, pooled) in noise.pooled.iter().enumerate() {
@@ -585,5 +598,5 @@ fn stack<'a>(noise: &NoiseLevel, datasets: impl Iterator<Item = &'a Channels>) -
             series.extend(own[c].iter().map(|x| pooled / sigma[c] * x));
         }
     }
-    series
+    series.into()
 }

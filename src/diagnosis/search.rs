@@ -298,7 +298,7 @@ impl<'a> Search<'a> {
                 progress(Progress::Ranked(&promises(ranking)));
                 ranking.clone()
             });
-            if !is_begun && self.has_better_pairs(chosen, alone, ranking) {
+            if !is_begun && self.has_better_pairs(chosen, alone, ranking, last.as_ref()) {
                 stopped = Some(Selection::Pairs);
                 return Err(String::new());
             }

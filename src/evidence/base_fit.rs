@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector};
 use super::Error;
 use super::gram::{BlockGram, Blocks, Pass, cut, usable};
 use super::noise::correlation_time;
-use super::predict::{squares, subtract};
+use super::predict::subtract;
 use super::problem::{Channel, Chosen, Column, Problem, Settings, Variant};
 use super::project::pseudo_inverse;
 use super::ranking::TooFew;
@@ -49,8 +49,7 @@ impl<'a> BaseFit<'a> {
         let columns = problem.left(chosen)?;
         let (channels, n) = (problem.channels.len(), problem.samples);
         let used = usable(&problem.segments, 0).max(1) as f64;
-        let size: Vec<f64> =
-            squares(&problem.y, channels, n, &problem.segments).iter().map(|s| (s / used).sqrt()).collect();
+        let size: Vec<f64> = problem.sum_of_squares(&problem.y).iter().map(|s| (s / used).sqrt()).collect();
         if size.iter().any(|s| !s.is_finite()) {
             return Err(Error::NotFinite(problem.not_finite().unwrap_or("y").into()));
         }
@@ -58,7 +57,7 @@ impl<'a> BaseFit<'a> {
         let mut fit = Self {
             theta: DVector::zeros(columns.len()),
             columns,
-            residual: problem.y.clone(),
+            residual: problem.y.to_vec(),
             filters: size.into_iter().map(ArFilter::scale).collect(),
             floor,
             blocks: Vec::new(),
@@ -112,10 +111,8 @@ impl<'a> BaseFit<'a> {
     fn left_by_candidates(&self, problem: &Problem, chosen: &[Chosen]) -> Cow<'_, [f64]> {
         let n = problem.samples;
         let rows: Vec<usize> = problem.segments.iter().cloned().flatten().collect();
-        let scale: Vec<f64> = squares(&self.residual, problem.channels.len(), n, &problem.segments)
-            .iter()
-            .map(|s| (s / rows.len().max(1) as f64).sqrt())
-            .collect();
+        let scale: Vec<f64> =
+            problem.sum_of_squares(&self.residual).iter().map(|s| (s / rows.len().max(1) as f64).sqrt()).collect();
         let is_large =
             |(channel, rms): (&Channel, &f64)| channel.noise_sigma.is_some_and(|s| s > 0.0 && *rms > LARGE * s);
         if !problem.channels.iter().zip(&scale).all(is_large) {
@@ -172,17 +169,17 @@ impl<'a> BaseFit<'a> {
     }
 
     pub fn update(&mut self, change: &DVector<f64>) {
-        let columns: Vec<&[f64]> = self.columns.iter().map(|c| c.values.as_slice()).collect();
+        let columns: Vec<&[f64]> = self.columns.iter().map(|c| &*c.values).collect();
         subtract(&mut self.residual, &columns, change.as_slice());
         self.theta += change;
     }
 
     /// Pass over the whitened columns: base columns and residual on the left, then the columns of the variants.
     pub fn pass<'b>(&'b self, variants: &[&'b Variant], groups: Vec<Range<usize>>) -> Pass<'b> {
-        let mut columns: Vec<&[f64]> = self.columns.iter().map(|c| c.values.as_slice()).collect();
+        let mut columns: Vec<&[f64]> = self.columns.iter().map(|c| &*c.values).collect();
         columns.push(&self.residual);
         let left = columns.len();
-        columns.extend(variants.iter().flat_map(|v| &v.columns).map(|c| c.values.as_slice()));
+        columns.extend(variants.iter().flat_map(|v| &v.columns).map(|c| &*c.values));
         Pass { columns, left, groups }
     }
 }

@@ -70,8 +70,8 @@ impl BaseFit<'_> {
         let a = present[w];
         let m = a.variant.columns.len();
         let variants = std::iter::once(a).chain(present.iter().copied());
-        let mut columns: Vec<&[f64]> = variants.flat_map(|e| &e.variant.columns).map(|c| c.values.as_slice()).collect();
-        columns.extend(self.columns.iter().map(|c| c.values.as_slice()));
+        let mut columns: Vec<&[f64]> = variants.flat_map(|e| &e.variant.columns).map(|c| &*c.values).collect();
+        columns.extend(self.columns.iter().map(|c| &*c.values));
         let pass = Pass { columns, left: m, groups: Vec::new() };
         let grams = pass.run(&self.filters, problem.samples, &self.blocks);
         let total = grams.iter().fold(DMatrix::zeros(m, pass.columns.len()), |s, g| s + &g.cross);

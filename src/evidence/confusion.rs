@@ -123,10 +123,10 @@ impl<'a> Drawn<'a> {
         let places = assessed.iter().map(|a| (a.candidate, a.variant)).collect();
         let Entries { list, grams, rest, .. } = base.assess(problem, places)?;
         base.update(&rest.base);
-        let columns: Vec<&[f64]> = base.columns.iter().map(|c| c.values.as_slice()).collect();
+        let columns: Vec<&[f64]> = base.columns.iter().map(|c| &*c.values).collect();
         let contribution = |e: &Entry<'_>| {
             let coefficients = &e.projected.basis * &e.scores.sum;
-            let own: Vec<&[f64]> = e.variant.columns.iter().map(|c| c.values.as_slice()).collect();
+            let own: Vec<&[f64]> = e.variant.columns.iter().map(|c| &*c.values).collect();
             let mut series = vec![0.0; problem.rows()];
             subtract(&mut series, &own, (-&coefficients).as_slice());
             subtract(&mut series, &columns, (&e.projected.imitation * &coefficients).as_slice());
@@ -139,7 +139,7 @@ impl<'a> Drawn<'a> {
         all.push(&base.residual);
         all.extend(effects.iter().map(Vec::as_slice));
         let left = all.len();
-        all.extend(list.iter().flat_map(|e| &e.variant.columns).map(|c| c.values.as_slice()));
+        all.extend(list.iter().flat_map(|e| &e.variant.columns).map(|c| &*c.values));
         let pass = Pass { columns: all, left, groups: Vec::new() };
         let products = pass.run(&base.filters, problem.samples, &base.blocks);
         let scores = |series: usize, e: &Entry<'_>| {

@@ -43,7 +43,7 @@ pub fn contribution<'b>(entry: &Entry<'b>) -> Contribution<'b> {
     let coefficients = &entry.projected.basis * &entry.scores.sum;
     let imitation = &entry.projected.imitation * &coefficients;
     Contribution {
-        columns: entry.variant.columns.iter().map(|c| c.values.as_slice()).collect(),
+        columns: entry.variant.columns.iter().map(|c| &*c.values).collect(),
         coefficients: coefficients.as_slice().to_vec(),
         imitation: imitation.as_slice().to_vec(),
     }

@@ -5,7 +5,7 @@ use nalgebra::DMatrix;
 use super::base_fit::{BaseFit, sum};
 use super::describe::{Chance, Entry, Gain, base_estimates, contribution, describe, f_of};
 use super::gram::{BlockGram, Blocks, cut, usable};
-use super::predict::{Contribution, Effect, effects, squares};
+use super::predict::{Contribution, Effect, effects};
 use super::problem::{Chosen, Problem, Settings, Variant};
 use super::project::{Projected, pseudo_inverse};
 use super::ranking::{Assessment, Ranking};
@@ -180,7 +180,7 @@ impl<'a> BaseFit<'a> {
     fn gains(&self, problem: &Problem, present: &[&Entry<'_>], levels: &Levels, rest: &Remainder) -> Vec<Gain> {
         let channels = problem.channels.len();
         let contributions: Vec<Contribution<'_>> = present.iter().map(|e| contribution(e)).collect();
-        let columns: Vec<&[f64]> = self.columns.iter().map(|c| c.values.as_slice()).collect();
+        let columns: Vec<&[f64]> = self.columns.iter().map(|c| &*c.values).collect();
         let whole: Blocks = cut(&problem.segments, 0, self.blocks.len());
         let done = effects(&columns, &self.residual, &contributions, channels, problem.samples, &whole);
         let gain = |(entry, Effect { energy, product }): (&&Entry<'_>, &Effect)| {
@@ -230,7 +230,7 @@ struct Levels {
 impl Levels {
     fn new(fit: &BaseFit<'_>, problem: &Problem) -> Self {
         let channels = problem.channels.len();
-        let before = squares(&fit.residual, channels, problem.samples, &problem.segments);
+        let before = problem.sum_of_squares(&fit.residual);
         let samples = usable(&problem.segments, 0);
         let given = |c: usize| problem.channels[c].noise_sigma.filter(|s| *s > 0.0 && s.is_finite());
         let rms = |c: usize| (before[c] / samples.max(1) as f64).sqrt();

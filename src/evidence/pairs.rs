@@ -63,14 +63,14 @@ mod tests {
             name: name.into(),
             variants: vec![Variant {
                 label: String::new(),
-                columns: vec![Column { name: name.into(), values, magnitude: 1.0 }],
+                columns: vec![Column { name: name.into(), values: values.into(), magnitude: 1.0 }],
             }],
         };
         let problem = Problem {
             channels: vec![Channel { name: "tau1".into(), noise_sigma: Some(0.05) }],
             samples: SAMPLES,
             segments: vec![0..SAMPLES],
-            y: mixed(&both, &error, 0.05),
+            y: mixed(&both, &error, 0.05).into(),
             base: Vec::new(),
             candidates: vec![
                 candidate("a", a.clone()),

@@ -41,12 +41,6 @@ pub fn subtract(series: &mut [f64], columns: &[&[f64]], coefficients: &[f64]) {
     });
 }
 
-/// Sum of squares per channel over the given times.
-pub fn squares(series: &[f64], channels: usize, samples: usize, times: &[Range<usize>]) -> Vec<f64> {
-    let one = |c: usize| times.iter().map(move |t| &series[c * samples + t.start..c * samples + t.end]);
-    (0..channels).map(|c| one(c).map(|x| dot(x, x)).sum()).collect()
-}
-
 /// The effect of every contribution, summed over blocks of time in order.
 pub fn effects(
     base: &[&[f64]],

@@ -3,6 +3,8 @@
 use std::ops::Range;
 
 use super::Error;
+use super::gram::dot;
+use crate::recording::Series;
 
 /// Stacked linear system `y = Y θ + Σ_j Z_j c_j + ε`; every series is channel-major: the samples of channel 0, then
 /// of channel 1, ….
@@ -15,7 +17,7 @@ pub struct Problem {
     /// Contiguous intervals of samples, in order; filters and blocks do not cross them. Samples outside are not used.
     pub segments: Vec<Range<usize>>,
     /// Measurement, or measurement minus a prediction.
-    pub y: Vec<f64>,
+    pub y: Series,
     /// Regressors of the parameters the model already has.
     pub base: Vec<Column>,
     /// Effects the model may lack.
@@ -37,7 +39,7 @@ pub struct Column {
     /// Parameter it belongs to.
     pub name: String,
     /// Series of length channels × samples.
-    pub values: Vec<f64>,
+    pub values: Series,
     /// Base columns: present parameter value, to express changes in percent. Candidate columns: the smallest
     /// coefficient of practical interest. Zero or NaN: unknown.
     pub magnitude: f64,
@@ -125,6 +127,13 @@ impl Problem {
             }
         }
         Ok(())
+    }
+
+    /// Sum of squares of a series per channel, over the samples that are used.
+    pub fn sum_of_squares(&self, series: &[f64]) -> Vec<f64> {
+        let part = |c: usize, s: &Range<usize>| &series[c * self.samples + s.start..c * self.samples + s.end];
+        let one = |c: usize| self.segments.iter().map(|s| part(c, s)).map(|x| dot(x, x)).sum();
+        (0..self.channels.len()).map(one).collect()
     }
 
     /// The variant that a choice refers to.

@@ -112,18 +112,19 @@ impl Residuals {
         self.series.iter().zip(kept).map(of).collect::<Vec<_>>().into()
     }
 
-    /// Share of what the residuals leave above the noise `sigma` of each recording and channel, N·m or N, that lies in samples
-    /// that do not count in the RMS: by squares, relative to the noise.
-    pub fn uncounted_share(&self, sigma: &[Vec<f64>]) -> f64 {
-        let (mut uncounted, mut all) = (0.0, 0.0);
+    /// Samples that do not count in the RMS, relative to the noise `sigma` of each recording and channel, N·m or N: root mean
+    /// square over all channels, and share of the squares above the noise of all samples.
+    pub fn uncounted(&self, sigma: &[Vec<f64>]) -> (f64, f64) {
+        let (mut uncounted, mut all, mut samples) = (0.0, 0.0, 0);
         for ((recording, out), sigma) in self.series.iter().zip(&self.uncounted).zip(sigma) {
             for (series, sigma) in recording.iter().zip(sigma).filter(|(_, sigma)| **sigma > 0.0) {
                 let above = |samples: &[f64]| samples.iter().map(|r| (r / sigma).powi(2) - 1.0).sum::<f64>();
                 uncounted += out.iter().map(|range| above(&series[range.clone()])).sum::<f64>();
+                samples += out.iter().map(ExactSizeIterator::len).sum::<usize>();
                 all += above(series);
             }
         }
-        uncounted / all
+        ((uncounted / samples.max(1) as f64 + 1.0).sqrt(), uncounted / all)
     }
 
     /// Residuals in whose RMS the samples `uncounted` of each recording do not count.
@@ -191,7 +192,7 @@ mod tests {
         let counting = Residuals::counting(residuals.series.clone(), vec![vec![0..1], vec![]]);
         assert_eq!(counting.rms[0], 22.5f64.sqrt());
         // Above the noise are 8, 8 and 8 of the first channel; a channel without noise does not count.
-        assert_eq!(counting.uncounted_share(&[vec![1.0, 0.0], vec![2.0, 0.0]]), 8.0 / 24.0);
+        assert_eq!(counting.uncounted(&[vec![1.0, 0.0], vec![2.0, 0.0]]), (3.0, 8.0 / 24.0));
         assert_eq!(outside(&[1..2, 4..5], 5), [0..1, 2..4, 5..5]);
         assert_eq!(residuals.times(-2.0).channel(0), [-6.0, -6.0, -12.0]);
         assert_eq!((rms(&[]), difference(&[2.0, 5.0], &[1.5])), (0.0, vec![0.5]));

@@ -3,7 +3,7 @@
 use std::cell::OnceCell;
 
 use super::standing::Standing;
-use super::{Search, Selection, with_effects};
+use super::{Refitted, Search, Selection, with_effects};
 use crate::diagnosis::DiagnosisError;
 use crate::diagnosis::judge::{Judged, relative_energy};
 use crate::diagnosis::progress::Progress;
@@ -39,11 +39,21 @@ impl Search<'_> {
     }
 
     /// Whether another pair than the first two `chosen` effects promises to leave clearly less of the error above the
-    /// noise than they do in `ranking`, before they are fitted.
-    pub(super) fn has_better_pairs(&self, chosen: &[Chosen], alone: &Ranking, ranking: &Ranking) -> bool {
+    /// noise than they do in `ranking`, before they are fitted, and than the fit with the first one leaves, if that is made.
+    pub(super) fn has_better_pairs(
+        &self,
+        chosen: &[Chosen],
+        alone: &Ranking,
+        ranking: &Ranking,
+        fitted: Option<&Refitted>,
+    ) -> bool {
         let [first, second] = chosen else { return false };
         let Some(own) = ranking.of(second.candidate).filter(|_| !self.has_paired) else { return false };
-        let left = ranking.energy(&own.sum_of_squares);
+        let by_fit = |(_, first): &Refitted| {
+            let series = self.judge.fitting.residual_series(&first.fit.residuals);
+            ranking.energy(&self.problem.sum_of_squares(&series))
+        };
+        let left = fitted.map_or(f64::INFINITY, by_fit).min(ranking.energy(&own.sum_of_squares));
         let better = |p: &&Pair| {
             let is_other = p.chosen.iter().any(|c| ![first, second].map(|c| c.candidate).contains(&c.candidate));
             is_other && self.above(p.left) < (1.0 - CLEARLY_LESS) * self.above(left)

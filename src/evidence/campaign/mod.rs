@@ -38,7 +38,7 @@ fn smooth(rng: &mut ChaCha8Rng, channels: usize, n: usize) -> Vec<f64> {
 }
 
 fn column(name: &str, values: Vec<f64>) -> Column {
-    Column { name: name.into(), values, magnitude: 0.0 }
+    Column { name: name.into(), values: values.into(), magnitude: 0.0 }
 }
 
 /// AR(1) noise, correlated over channels; with `uneven`, its standard deviation varies by a factor of five.
@@ -87,7 +87,7 @@ fn null_problem(seed: u64, uneven: bool) -> Problem {
         y.iter_mut().zip(&b.values).for_each(|(y, x)| *y += 3.0 * x);
     }
     let channels = (0..C).map(|c| Channel { name: format!("axis {c}"), noise_sigma: None }).collect();
-    Problem { channels, samples: N, segments: vec![0..500, 500..1000, 1000..N], y, base, candidates }
+    Problem { channels, samples: N, segments: vec![0..500, 500..1000, 1000..N], y: y.into(), base, candidates }
 }
 
 /// Adds a candidate's effect with the given RMS of the first column relative to the noise of channel 0, which is
@@ -117,8 +117,8 @@ fn collinear_problem(seed: u64, uneven: bool) -> Problem {
     for z in &p.candidates[9].variants[0].columns {
         sum.iter_mut().zip(&z.values).for_each(|(s, x)| *s += x / 3.0_f64.sqrt());
     }
-    for (k, towards, r) in [(3, first(&p, 8), 0.95), (5, first(&p, 6), 0.9), (7, sum, 0.9)] {
-        p.candidates[k].variants[0].columns[0].values = mix(&towards, &first(&p, k), r);
+    for (k, towards, r) in [(3, first(&p, 8), 0.95), (5, first(&p, 6), 0.9), (7, sum.into(), 0.9)] {
+        p.candidates[k].variants[0].columns[0].values = mix(&towards, &first(&p, k), r).into();
     }
     p
 }

@@ -27,7 +27,7 @@ fn degenerate_problems_end_in_a_status() {
     let few = edit(&|p| p.segments = vec![0..60]).unwrap();
     assert!(few.findings.is_empty() && few.remaining.too_few.is_some_and(|few| few.rows <= 60 && few.needed == 128));
     assert!(matches!(edit(&|p| p.segments = vec![0..60, 50..N]), Err(Error::Segment(1))));
-    assert!(matches!(edit(&|p| p.y.truncate(9)), Err(Error::Length { .. })));
+    assert!(matches!(edit(&|p| p.y = p.y.window(&(0..9))), Err(Error::Length { .. })));
     assert_eq!(edit(&|p| p.y[7] = f64::NAN).err(), Some(Error::NotFinite("y".into())));
     assert_eq!(edit(&|p| p.base[3].values[9] = f64::INFINITY).err(), Some(Error::NotFinite("base 3".into())));
     let bad = edit(&|p| p.candidates[1].variants[0].columns[0].values[2000] = f64::NAN);

@@ -34,7 +34,7 @@ fn near_collinear_pair_is_indistinguishable() {
         let mut p = null_problem(300 + seed, false);
         let z = |k: usize| p.candidates[k].variants[0].columns[0].values.clone();
         let twin = mix(&z(4), &z(5), 0.9995);
-        p.candidates[5].variants[0].columns[0].values = twin;
+        p.candidates[5].variants[0].columns[0].values = twin.into();
         plant(&mut p, 4, 0, 0.6);
         let o = select(&p, &quick()).unwrap();
         let set = o.findings[0].ranking.confidence_set();
@@ -63,7 +63,7 @@ fn two_planted_effects_are_both_found() {
 fn effects_without_noise_are_found() {
     for seed in 0..5 {
         let mut p = null_problem(4000 + seed, false);
-        for x in &mut p.y {
+        for x in p.y.iter_mut() {
             *x *= 1e-9;
         }
         plant(&mut p, 4, 0, 1.0);

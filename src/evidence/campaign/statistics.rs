@@ -36,9 +36,9 @@ fn scores_do_not_depend_on_scale_order_or_threads() {
     other.candidates.reverse();
     for (k, c) in other.candidates.iter_mut().enumerate() {
         let scale = 10.0_f64.powi(k as i32 - 6);
-        c.variants.iter_mut().flat_map(|v| &mut v.columns).flat_map(|z| &mut z.values).for_each(|x| *x *= scale);
+        c.variants.iter_mut().flat_map(|v| &mut v.columns).flat_map(|z| z.values.iter_mut()).for_each(|x| *x *= scale);
     }
-    other.base.iter_mut().flat_map(|z| &mut z.values).for_each(|x| *x *= 1e5);
+    other.base.iter_mut().flat_map(|z| z.values.iter_mut()).for_each(|x| *x *= 1e5);
     for c in 0..C {
         // Another unit for a channel: torque in mN·m.
         let rows = c * N..(c + 1) * N;
@@ -66,7 +66,7 @@ fn what_the_base_imitates_is_unseen() {
         b.magnitude = 2.0;
     }
     let inside = mix(&p.base[2].values, &p.base[7].values, 0.6);
-    p.candidates[4].variants[0].columns[0].values = inside;
+    p.candidates[4].variants[0].columns[0].values = inside.into();
     p.candidates[6].variants[0].columns[0].values.fill(0.0);
     // 1e-3 of a column of RMS about 2 in noise of about 1 over 6000 rows: non-centrality below 0.03.
     p.candidates[7].variants[0].columns[0].magnitude = 1e-3;
