@@ -4,7 +4,7 @@ use super::budget::{self, Budget, Change};
 use super::fitting::{Fitting, Options};
 use super::judge::{Judge, Judged};
 use super::search::with_effects;
-use super::{DiagnosisError, check, problem};
+use super::{DiagnosisError, check, missing, problem};
 use crate::dynamics::in_configuration;
 use crate::effects;
 use crate::evidence::{self, Chosen};
@@ -64,7 +64,7 @@ pub fn add_with(
     if !mounted.mechanism.has(known.acts_on(), mounted.assembled) {
         return Err(DiagnosisError::Missing { effect: effect.into(), part: known.acts_on().describe() });
     }
-    if problem::beyond(&mounted).iter().any(|e| e.name() == effect) {
+    if missing::untestable(&mounted).iter().any(|e| e.name() == effect) {
         return Err(DiagnosisError::TwinOnly(effect.into()));
     }
     if known.parameters().is_empty() {
@@ -74,7 +74,7 @@ pub fn add_with(
     let judge = Judge::new(&fitting, model, held_out)?;
     let before = judge.of(fitting.refit(model, options)?)?;
     fitting.go_on()?;
-    let absent = problem::absent(&mounted, &before.fit, datasets, options.candidates);
+    let absent = missing::testable(&mounted, &before.fit, datasets, options.candidates);
     let shapes = absent.into_iter().find(|c| c[0].effect.name() == effect);
     let candidates = [shapes.ok_or_else(|| DiagnosisError::NotResolved(effect.into()))?];
     let problem = fitting.problem(&before.fit, &candidates, problem::Edges::Together, &mut |_| {})?;

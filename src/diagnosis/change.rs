@@ -9,7 +9,7 @@
 use super::fitting::{Fitting, Options};
 use super::judge::MIN_RELEVANCE;
 use super::search::with_effects;
-use super::{DiagnosisError, check, conclusion, problem};
+use super::{DiagnosisError, check, conclusion, missing, problem};
 use crate::dynamics::in_configuration;
 use crate::effects::{ActiveEffect, rigid_bodies};
 use crate::evidence::{self, Assessment, Chosen, Finding, Settings};
@@ -101,7 +101,7 @@ pub fn changed(
     let all: Vec<Dataset> = healthy.iter().chain(later).cloned().collect();
     let both = Fitting::new(model, &all, options);
     let mounted = in_configuration(model, &later[0].setup);
-    let absent = problem::absent(&mounted, &fit, &all, &[]);
+    let absent = missing::testable(&mounted, &fit, &all, &[]);
     let problem = both.change(&fit.model, healthy.len(), &absent)?;
     let settings = Settings {
         min_relevance: RELEVANCE * MIN_RELEVANCE * (problem::block(&all) as f64).sqrt(),

@@ -16,6 +16,7 @@ pub mod experiment;
 mod fitting;
 mod judge;
 pub mod left;
+mod missing;
 mod orders;
 mod problem;
 pub mod progress;
@@ -75,7 +76,7 @@ pub fn diagnose_with(
     let refitted = fitting.refit(model, options)?;
     fitting.go_on()?;
     let mounted = in_configuration(model, &datasets[0].setup);
-    let candidates = problem::absent(&mounted, &refitted, datasets, fitting.candidates);
+    let candidates = missing::testable(&mounted, &refitted, datasets, fitting.candidates);
     let found = search::find(refitted, &judge, &candidates, progress)?;
     fitting.go_on()?;
     progress(Progress::Step("confidence"));
