@@ -107,23 +107,17 @@ pub(super) fn means(datasets: &[Dataset]) -> Vec<Dataset> {
     datasets.iter().map(|t| t.averaged(stride(t))).collect()
 }
 
-/// Whether an effect changes little between the samples of `means`.
-fn is_smooth(active: &ActiveEffect, means: &[Dataset]) -> bool {
+/// Whether an effect changes little between the samples of `means`, and depends on the present motion alone.
+fn is_slow(active: &ActiveEffect, means: &[Dataset]) -> bool {
     let step = means.iter().fold(f64::INFINITY, |least, t| least.min(t.dt));
-    let is_sensor = active.effect.sensor().is_some();
     let is_fast = |(entry, value): (Entry, &f64)| match entry.parameter.unit {
-        Unit::GearRatio => true,
-        Unit::Hz => is_sensor,
-        Unit::S => is_sensor && value.abs() > HARDLY * step,
+        Unit::GearRatio | Unit::Hz => true,
+        Unit::S => active.effect.sensor().is_some() && value.abs() > HARDLY * step,
         _ => false,
     };
-    active.gear_springs().is_none() && !active.entries().into_iter().zip(&active.values).any(is_fast)
-}
-
-/// Whether it does at all values of its parameters, and depends on the present motion alone.
-fn is_slow(active: &ActiveEffect, means: &[Dataset]) -> bool {
-    let vibrates = active.entries().iter().any(|entry| entry.parameter.unit == Unit::Hz);
-    is_smooth(active, means) && active.states() == 0 && !vibrates
+    active.states() == 0
+        && active.gear_springs().is_none()
+        && !active.entries().into_iter().zip(&active.values).any(is_fast)
 }
 
 impl<'a> Fitting<'a> {
@@ -200,18 +194,6 @@ impl<'a> Fitting<'a> {
             sigma.iter().map(|s| s * (own.dt / mean.dt).sqrt()).collect()
         };
         self.datasets.iter().zip(self.means).zip(&self.noise.of_each).map(scaled).collect()
-    }
-
-    /// The recordings along which columns of a model with `effects` are computed, and how many of their samples make a
-    /// [`block`]: one of their means where these are blocks and no effect is faster; within 3 % of the means of columns.
-    pub fn rows<'e>(&self, effects: impl IntoIterator<Item = &'e ActiveEffect>) -> (&[KeptColumns<'a>], usize) {
-        let block = block(self.datasets);
-        let are_blocks = self.datasets.iter().zip(self.means).all(|(own, mean)| own.stride(mean.dt) == block);
-        let is_known = !self.means.is_empty() && are_blocks;
-        match is_known && effects.into_iter().all(|active| is_smooth(active, self.means)) {
-            true => (&self.kept_means, 1),
-            false => (&self.kept, block),
-        }
     }
 
     /// Counts assessments of all candidates.

@@ -173,7 +173,7 @@ impl Fitting<'_> {
     /// Columns of all estimated parameters of a model except those that the motion does not excite.
     pub fn owned_columns(&self, model: &Model) -> Result<Vec<Owned>, FitError> {
         let parameters = self.datasets[0].plant(model).parameters();
-        let all = self.averaged(model, &[], &own_columns)?;
+        let all = self.averaged(model, &own_columns)?;
         let free = parameters.free(&[]).into_iter().map(|k| (k, &parameters[k]));
         let owned = free.map(|(k, p)| Owned {
             param: p.param,
@@ -206,11 +206,11 @@ impl Fitting<'_> {
         let candidates = candidates.concat();
         let class = |i: &usize| {
             let kind = candidates[*i].effect.kind();
-            (kind == Kind::Sensor, kind.acts_on_the_whole(), self.rows([&candidates[*i]]).1)
+            (kind == Kind::Sensor, kind.acts_on_the_whole())
         };
         let mut order: Vec<usize> = (0..candidates.len()).collect();
         order.sort_by_key(class);
-        let most = |own: &[usize]| if let (false, true, _) = class(&own[0]) { WHOLES } else { LAWS };
+        let most = |own: &[usize]| if let (false, true) = class(&own[0]) { WHOLES } else { LAWS };
         let groups = order.chunk_by(|a, b| class(a) == class(b)).flat_map(|own| own.chunks(most(own)));
         let mut columns = vec![Vec::new(); candidates.len()];
         for group in groups {
@@ -219,7 +219,7 @@ impl Fitting<'_> {
             let columns_of = |plant: &Plant, dataset: &Dataset, block: usize, known: Laws| {
                 candidate_columns(plant, dataset, &own, block, known)
             };
-            let all = self.averaged(model, &own, &columns_of)?;
+            let all = self.averaged(model, &columns_of)?;
             for (j, &i) in group.iter().enumerate() {
                 let entries = candidates[i].entries();
                 let linear = entries.iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Linear);
@@ -237,20 +237,15 @@ impl Fitting<'_> {
     }
 
     /// Columns that `of` computes for the plant of every recording from those known, averaged over [`block`] samples:
-    /// `[recording][effect][parameter][channel][block]`; `added` are effects in addition to those of `model`.
-    fn averaged(
-        &self,
-        model: &Model,
-        added: &[ActiveEffect],
-        of: ColumnsOf,
-    ) -> Result<Vec<Vec<Vec<Channels>>>, FitError> {
-        let (recordings, block) = self.rows(model.effects.iter().chain(added));
+    /// `[recording][effect][parameter][channel][block]`.
+    fn averaged(&self, model: &Model, of: ColumnsOf) -> Result<Vec<Vec<Vec<Channels>>>, FitError> {
+        let block = block(self.datasets);
         let one = |kept: &KeptColumns| {
             let (plant, dataset) = (kept.dataset.plant(model), kept.dataset);
             let columns = kept.laws(&plant).and_then(|known| of(&plant, dataset, block, known));
             columns.map_err(kinematics(dataset))
         };
-        recordings.iter().map(one).collect()
+        self.kept.iter().map(one).collect()
     }
 
     /// Columns of the smoothing error of friction at the reversals of recordings that do not resolve them.
