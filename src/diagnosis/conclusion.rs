@@ -263,9 +263,6 @@ fn left([before, after, floor]: [&[f64]; 3]) -> f64 {
     excess(after) / excess(before).max(f64::MIN_POSITIVE)
 }
 
-/// Least noise relative to the floor.
-const LEAST: f64 = 1e-6;
-
 /// Verdict where everything but noise is explained by `named` effects.
 fn verdict_of_names(named: usize, is_ambiguous: bool) -> Verdict {
     match named {
@@ -275,6 +272,9 @@ fn verdict_of_names(named: usize, is_ambiguous: bool) -> Verdict {
         _ => Verdict::Several,
     }
 }
+
+/// Least noise relative to its estimate, so that a model without error divides by more than zero.
+const LEAST: f64 = 1e-6;
 
 /// Difference of the shares of the explainable error between `without` and `with`.
 ///

@@ -96,15 +96,14 @@ pub struct Work {
     pub rankings: usize,
 }
 
-/// Means of the recordings of a robot over [`MEANS`] or a [`block`], where its motion determines the torques; empty where the
-/// sampling is as slow.
+/// Means of the recordings of a robot over [`MEANS`], where its motion determines the torques; empty where the sampling is as
+/// slow.
 pub(super) fn means(datasets: &[Dataset]) -> Vec<Dataset> {
-    let stride = |t: &Dataset| t.stride(MEANS).min(block(datasets));
-    let is_fast = |t: &Dataset| t.mechanism.axes() > 1 && stride(t) > 1 && !t.blurs_reversals();
+    let is_fast = |t: &Dataset| t.mechanism.axes() > 1 && t.stride(MEANS) > 1 && !t.blurs_reversals();
     if !datasets.iter().all(is_fast) {
         return Vec::new();
     }
-    datasets.iter().map(|t| t.averaged(stride(t))).collect()
+    datasets.iter().map(|t| t.averaged(t.stride(MEANS))).collect()
 }
 
 /// Whether an effect changes little between the samples of `means`, and depends on the present motion alone.

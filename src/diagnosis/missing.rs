@@ -51,7 +51,7 @@ pub fn untestable(model: &Model) -> Vec<Arc<dyn effects::Effect>> {
     absent(model, effects::REGISTRY.iter()).filter(|e| !e.spec().identifiable).collect()
 }
 
-/// Those of `effects` that the model lacks on the mounted parts of the machine.
+/// The `effects` that the model lacks, of the mounted parts of the machine.
 fn absent<'a>(
     model: &'a Model,
     effects: impl Iterator<Item = &'a Arc<dyn effects::Effect>>,
