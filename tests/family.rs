@@ -403,11 +403,11 @@ fn twins_of_relatives_follow_their_motion() {
 /// energy, and the torques follow from what the encoders read.
 #[test]
 fn gears_of_relatives_give_way() {
-    for name in ["par4", "par2"] {
+    for (name, rotor) in [("par4", 0.07), ("par2", 0.07), ("linear-delta", 0.06)] {
         let rigid = model(name);
         let arms = rigid.mechanism.arms();
         let mut elastic = rigid.clone();
-        let gears = [vec![8e-5; arms], vec![20.0], vec![0.07], vec![0.0]];
+        let gears = [vec![8e-5; arms], vec![20.0], vec![rotor], vec![0.0]];
         let gears: Vec<&[f64]> = gears.iter().map(Vec::as_slice).collect();
         elastic.effects.push(ActiveEffect::new(find("drive_elasticity").unwrap(), &gears));
         let setup = Setup::default();

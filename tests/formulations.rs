@@ -189,11 +189,13 @@ fn multipliers_and_links_are_read_back_from_both_formats() {
 }
 
 /// Angle, deflection of the gear and their rates of an arm between a motor with friction and gravity: J·(q̈ + δ̈) =
-/// τ − c·tanh(100·ω) − d·ω − T with ω = q̇ + δ̇, Θ·q̈ = T + g·(h_x·cos q + h_z·sin q), T = δ/C + D·δ̇.
+/// τ − c·tanh(100·ω) − d·ω − T with ω = q̇ + δ̇, Θ·q̈ = T + W + g·(h_x·cos q + h_z·sin q), T = δ/C + D·δ̇.
 struct TwoMasses {
     rotor: f64,
     theta: f64,
     h: [f64; 2],
+    /// Weight W along a vertical guide.
+    weight: f64,
     friction: [f64; 2],
 }
 
@@ -201,7 +203,8 @@ impl TwoMasses {
     fn rates(&self, [q, delta, qd, deltad]: [f64; 4], torque: f64) -> [f64; 4] {
         let (rate, transmitted) = (qd + deltad, delta / 4e-5 + 20.0 * deltad);
         let friction = self.friction[0] * (100.0 * rate).tanh() + self.friction[1] * rate;
-        let arm = (transmitted + 9.81 * (self.h[0] * q.cos() + self.h[1] * q.sin())) / self.theta;
+        let pull = self.weight + 9.81 * (self.h[0] * q.cos() + self.h[1] * q.sin());
+        let arm = (transmitted + pull) / self.theta;
         [qd, deltad, arm, (torque - friction - transmitted) / self.rotor - arm]
     }
 
@@ -222,19 +225,26 @@ impl TwoMasses {
 
 #[test]
 fn friction_at_the_motor_is_that_of_two_masses_with_a_spring() {
-    let mut four = common::model("par4");
-    four.assembled = false;
-    for (mut model, rotor, arms, arm) in [(common::model("irb360-6-1600-disassembled"), 0.18, 3, 0), (four, 0.07, 4, 3)]
-    {
+    let [mut four, mut guides] = ["par4", "linear-delta"].map(common::model);
+    (four.assembled, guides.assembled) = (false, false);
+    let machines = [(common::model("irb360-6-1600-disassembled"), 0.18, 0), (four, 0.07, 3), (guides, 0.05, 1)];
+    for (mut model, rotor, arm) in machines {
+        let arms = model.mechanism.arms();
         model.effects.push(gears_of(arms, rotor));
         let plant = Plant::new(&model, &Setup::default());
         let body = &plant.bodies[deltatwin::machine::bodies::arm(arm)];
         let friction = model.effects.iter().find(|a| a.effect.name() == "drive_friction").unwrap();
-        let masses = TwoMasses {
-            rotor,
-            theta: body.tensor[(1, 1)],
-            h: [body.first_moment.x, body.first_moment.z],
-            friction: [friction.values[arm], friction.values[4 + arm]],
+        let friction = [friction.values[arm], friction.values[friction.layout.len() / 2 + arm]];
+        let masses = match model.mechanism.has_carriages() {
+            // 0.15 kg weigh, of which 0.1 kg are behind the spring.
+            true => TwoMasses { rotor, theta: 0.1, h: [0.0; 2], weight: 0.15 * 9.81, friction },
+            false => TwoMasses {
+                rotor,
+                theta: body.tensor[(1, 1)],
+                h: [body.first_moment.x, body.first_moment.z],
+                weight: 0.0,
+                friction,
+            },
         };
         let joints = JointState { q: [0.2; 4], qd: [-0.5; 4], ..JointState::default() };
         let torque = Torque::constant(std::array::from_fn(|i| if i == arm { 12.0 } else { 0.0 }));

@@ -1,5 +1,7 @@
 //! Compliance of the arm gears between motor-side encoder and arm.
 
+use nalgebra::Vector3;
+
 use super::{
     About, Compliance, Count, Effect, Instant, InternalStates, Kind, MachineView, Parameter, Part, Role, Sensor, Spec,
     Unit, Values, Wrenches,
@@ -17,10 +19,12 @@ use crate::machine::{Payload, PerAxis, axes_from, each, rate_place};
 /// mainly friction, act on the arm, or with `friction_at_motor` = 1 on the rotor; the twin implements the arm side
 /// only.
 ///
-/// The twin uses `wrenches`, `state_rate` and `encoder`, with J subtracted from the arm (as a second moment along the
-/// arm, which keeps the body consistent; only Θ_yy enters). Along a measured motion θ the same law yields the arm
-/// motion behind the gears (see `identification::prediction`); damping and J have little influence there and are not
-/// estimated.
+/// On a guide δ is in m, c in m/N, d in N·s/m, and J a mass in kg, the part of what resists the carriage that moves with the
+/// motor: of the model's mass, or of a motor's that is stated in addition. All weight stays on the carriage.
+///
+/// The twin uses `wrenches`, `state_rate` and `encoder`, with J subtracted from the arm. Along a measured motion θ the same law
+/// yields the arm motion behind the gears (see `identification::prediction`); damping and J have little influence there and
+/// are not estimated.
 pub struct DriveElasticity;
 
 const COMPLIANCE: usize = 0;
@@ -38,7 +42,7 @@ fn elastic<'a>(values: &Values<'a>) -> impl Iterator<Item = (usize, f64)> + use<
     values.block(COMPLIANCE).iter().copied().enumerate().filter(move |(_, c)| c * rotor > RIGID)
 }
 
-/// Share of a single axis' inertia on the motor side, estimated.
+/// Share of the inertia of a single axis or a carriage on the motor side, estimated.
 const MOTOR_SHARE: f64 = 0.4;
 /// Share of an arm's inertia about its shaft on the motor side, that of the reference machine.
 const ARM_SHARE: f64 = 0.7;
@@ -73,7 +77,7 @@ const PARAMETERS: &[Parameter] = &[
 
 static SPEC: Spec = Spec::new(
     "drive_elasticity",
-    Part::Motors,
+    Part::Drives,
     About {
         summary: "compliance of the arm gears between motor-side encoder and arm",
         law: "τ_arm,i = δ_i/c_i + d·dδ_i/dt, J·(d²q_i/dt² + d²δ_i/dt²) = τ_i − τ_arm,i, encoder reads q_i + δ_i",
@@ -94,9 +98,16 @@ fn constant(parameter: &str, model: &MachineView) -> Option<f64> {
     match model.mechanism {
         _ if parameter != "rotor_inertia" => None,
         Mechanism::Axis(_) => Some(MOTOR_SHARE * model.bodies[ARM].tensor[(1, 1)]),
-        Mechanism::Delta { .. } if model.mechanism.is_delta() => None,
+        delta if delta.has_carriages() => Some(MOTOR_SHARE * model.bodies[ARM].mass),
+        delta if delta.is_delta() => None,
         Mechanism::Delta { .. } => Some(ARM_SHARE * model.bodies[ARM].tensor[(1, 1)]),
     }
+}
+
+/// Adds the weight of what `inertia` removes from arm `i`.
+fn add_weight(values: &Values, i: usize, at: &Instant, out: &mut Wrenches) {
+    let weight = values.one(ROTOR_INERTIA) * values.of_motor().mass * at.gravity / values.block(COMPLIANCE)[i];
+    out.wrench(values.index(COMPLIANCE, i), arm(i), Vector3::z() * -weight, Vector3::zeros());
 }
 
 impl Effect for DriveElasticity {
@@ -107,11 +118,7 @@ impl Effect for DriveElasticity {
     fn inertia(&self, values: &Values, _payload: &Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
         let rotor = values.one(ROTOR_INERTIA);
         for (i, c) in elastic(values) {
-            out(
-                values.index(COMPLIANCE, i),
-                arm(i),
-                Inertia::diagonal(0.0, [0.0; 3], [0.0, rotor, rotor]) * (-1.0 / c),
-            );
+            out(values.index(COMPLIANCE, i), arm(i), values.of_motor() * (-rotor / c));
         }
     }
 
@@ -119,6 +126,7 @@ impl Effect for DriveElasticity {
         for (i, c) in elastic(values) {
             let transmitted = at.state[i] / c + values.one(DAMPING) * at.state[rate_place(i)];
             out.drive_torque(values.index(COMPLIANCE, i), i, (transmitted - at.torque[i]) / c);
+            add_weight(values, i, at, out);
         }
     }
 
@@ -126,6 +134,7 @@ impl Effect for DriveElasticity {
     fn wrenches_along(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         for (i, c) in elastic(values) {
             out.drive_torque(values.index(COMPLIANCE, i), i, -values.one(ROTOR_INERTIA) * at.motion.qdd[i] / c);
+            add_weight(values, i, at, out);
         }
     }
 

@@ -8,12 +8,11 @@ use crate::machine::{Inertia, Payload};
 
 /// Additional inertia ΔJ of each arm drive at its gear output: τ_i grows by ΔJ_i·q̈_i.
 ///
-/// ΔJ in kg·m², the motor's inertia times the gear ratio squared, either sign. It is a disc about the motor axis: no
-/// weight, Θ_yy = ΔJ, Θ_xx = Θ_zz = ΔJ/2 (which do not enter). The part common to all arms is equivalent to the arms'
-/// own Θ_yy.
+/// ΔJ in kg·m², the motor's inertia times the gear ratio squared, either sign. The part common to all arms is equivalent to
+/// the arms' own Θ_yy.
 ///
 /// On a guide ΔJ is a mass in kg: the motor's inertia times the square of its turns in rad per metre. It resists the carriage
-/// and does not weigh: the law adds the mass ΔJ, of which a shaft that only turns notices nothing, and carries its weight.
+/// and does not weigh: the law adds the mass ΔJ and carries its weight.
 pub struct RotorInertia;
 
 const PARAMETERS: &[Parameter] =
@@ -40,13 +39,14 @@ impl Effect for RotorInertia {
 
     fn inertia(&self, values: &Values, _payload: &Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
         for limb in 0..values.len(0) {
-            out(values.index(0, limb), arm(limb), Inertia::diagonal(1.0, [0.0; 3], [0.5, 1.0, 0.5]));
+            out(values.index(0, limb), arm(limb), values.of_motor());
         }
     }
 
     fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+        let carried = Vector3::z() * (at.gravity * values.of_motor().mass);
         for limb in 0..values.len(0) {
-            out.wrench(values.index(0, limb), arm(limb), Vector3::z() * at.gravity, Vector3::zeros());
+            out.wrench(values.index(0, limb), arm(limb), carried, Vector3::zeros());
         }
     }
 }

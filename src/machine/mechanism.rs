@@ -105,8 +105,6 @@ pub enum Part {
     TurningAxis,
     /// The drives of the arms of an assembled robot.
     ArmDrives,
-    /// Drives whose motors are part of the inertia of what they move: all but those of carriages.
-    Motors,
 }
 
 impl Part {
@@ -121,7 +119,6 @@ impl Part {
             Self::Telescope => "the telescope",
             Self::TurningAxis => "a single turning axis",
             Self::ArmDrives => "the drives of the arms",
-            Self::Motors => "motors in the inertia of what they move",
         }
     }
 }
@@ -214,10 +211,6 @@ impl Mechanism {
             Part::Telescope => self.has_telescope() && assembled,
             Part::TurningAxis => matches!(self, Self::Axis(axis) if axis.joint == Joint::Revolute),
             Part::FreeStruts => self.is_delta() && assembled,
-            Part::Motors => match self {
-                Self::Delta { .. } => self.joint() == Joint::Revolute,
-                Self::Axis(_) => true,
-            },
             Part::ArmDrives => delta && assembled,
         }
     }
@@ -241,6 +234,11 @@ impl Mechanism {
             Self::Axis(axis) => axis.joint,
             Self::Delta { arms, .. } => arms,
         }
+    }
+
+    /// Whether its arms are carriages on guides.
+    pub fn has_carriages(self) -> bool {
+        matches!(self, Self::Delta { arms: Joint::Prismatic, .. })
     }
 
     /// Quantity in which the efforts of its drives are stated.

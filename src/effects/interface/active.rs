@@ -80,14 +80,12 @@ impl Host {
     /// `parameter` of an effect on `part` with unit, typical magnitude and range converted to this machine.
     pub fn parameter(&self, part: Part, parameter: &Parameter) -> Parameter {
         let unit = self.mechanism.unit_on(part, parameter.unit);
-        let of_drives = matches!(self.mechanism, Mechanism::Axis(_)) || matches!(part, Part::Drives | Part::Motors);
+        let of_drives = matches!(self.mechanism, Mechanism::Axis(_)) || part == Part::Drives;
         let factor = if of_drives { unit.scale(self.torque, self.speed) } else { 1.0 };
         let (low, high) = parameter.range;
         let (narrower, wider) = match self.mechanism {
             Mechanism::Axis(_) if unit.has_dimension() => wider(parameter.role),
-            Mechanism::Delta { arms: Joint::Prismatic, .. } if of_drives && unit.has_dimension() => {
-                wider(parameter.role)
-            }
+            delta if delta.has_carriages() && of_drives && unit.has_dimension() => wider(parameter.role),
             _ => (1.0, 1.0),
         };
         // Away from zero, and for lower limits of positive numbers towards it.
@@ -154,7 +152,7 @@ impl ActiveEffect {
 
     /// Values by parameter.
     pub fn values(&self) -> Values<'_> {
-        Values::new(&self.values, &self.layout)
+        Values::new(&self.values, &self.layout).on(self.host.mechanism)
     }
 
     /// Number of internal states.

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use crate::machine::{Mechanism, Unit};
+use crate::machine::{Inertia, Mechanism, Unit};
 
 /// Identity of one number among the parameters of a machine: value `item` of parameter `block` of an effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -161,12 +161,28 @@ impl Layout {
 pub struct Values<'a> {
     values: &'a [f64],
     layout: &'a Layout,
+    carriages: bool,
 }
 
 impl<'a> Values<'a> {
-    /// View of flat `values` with their `layout`.
+    /// View of flat `values` with their `layout`, on the reference machine.
     pub fn new(values: &'a [f64], layout: &'a Layout) -> Self {
-        Self { values, layout }
+        Self { values, layout, carriages: false }
+    }
+
+    /// The values on another machine.
+    pub fn on(self, mechanism: Mechanism) -> Self {
+        Self { carriages: mechanism.has_carriages(), ..self }
+    }
+
+    /// Inertia of 1 kg·m² about an arm's shaft, or of 1 kg along a carriage's guide, in the frame of the arm, as of a motor that
+    /// moves with it. Its mass must not weigh: a law adds the force m·g upwards.
+    pub fn of_motor(&self) -> Inertia {
+        match self.carriages {
+            true => Inertia::diagonal(1.0, [0.0; 3], [0.0; 3]),
+            // A second moment along the arm, without which the arm is still a body; only the one about y enters.
+            false => Inertia::diagonal(0.0, [0.0; 3], [0.0, 1.0, 1.0]),
+        }
     }
 
     /// All values of parameter `block`.
