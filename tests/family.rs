@@ -236,16 +236,18 @@ fn fits_of_relatives_are_machines() {
     }
 }
 
-/// A motion without corners within the workspace of every relative.
+/// A motion without corners within the workspace of every relative, about a seventh as large on carriages.
 fn smooth(plant: &Plant, t: f64) -> JointState {
+    let (scale, height) = if plant.mechanism.has_carriages() { (0.15, -0.335) } else { (1.0, -0.8) };
     let wave = |amplitude: f64, rate: f64, phase: f64| {
         let (s, c) = (rate * t + phase).sin_cos();
+        let amplitude = scale * amplitude;
         [amplitude * s, amplitude * rate * c, -amplitude * rate * rate * s]
     };
     let [x, y, z] = [wave(0.2, 9.0, 0.3), wave(0.12, 11.0, 1.0), wave(0.06, 12.0, 2.0)];
     let vector = |k: usize| Vector3::new(x[k], y[k], z[k]);
     let psi = if plant.mechanism.plate_turns() { wave(0.5, 10.0, 0.7) } else { [0.0; 3] };
-    let position = vector(0) - Vector3::new(0.0, 0.05, 0.8);
+    let position = vector(0) + Vector3::new(0.0, -0.05 * scale, height);
     let pose = PlatformState { position, velocity: vector(1), acceleration: vector(2), psi };
     plant.geometry.inverse_motion(&pose).unwrap()
 }

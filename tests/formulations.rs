@@ -227,8 +227,9 @@ impl TwoMasses {
 fn friction_at_the_motor_is_that_of_two_masses_with_a_spring() {
     let [mut four, mut guides] = ["par4", "linear-delta"].map(common::model);
     (four.assembled, guides.assembled) = (false, false);
-    let machines = [(common::model("irb360-6-1600-disassembled"), 0.18, 0), (four, 0.07, 3), (guides, 0.05, 1)];
-    for (mut model, rotor, arm) in machines {
+    let machines =
+        [(common::model("irb360-6-1600-disassembled"), 0.18, 12.0, 0), (four, 0.07, 12.0, 3), (guides, 0.05, 0.5, 1)];
+    for (mut model, rotor, torque, arm) in machines {
         let arms = model.mechanism.arms();
         model.effects.push(gears_of(arms, rotor));
         let plant = Plant::new(&model, &Setup::default());
@@ -247,17 +248,17 @@ fn friction_at_the_motor_is_that_of_two_masses_with_a_spring() {
             },
         };
         let joints = JointState { q: [0.2; 4], qd: [-0.5; 4], ..JointState::default() };
-        let torque = Torque::constant(std::array::from_fn(|i| if i == arm { 12.0 } else { 0.0 }));
+        let drive = Torque::constant(std::array::from_fn(|i| if i == arm { torque } else { 0.0 }));
         for formulation in [Formulation::Eliminated, Formulation::Absolute] {
             for (step, allowed) in [(2e-4, 2e-5), (2.5e-5, 5e-7)] {
                 let mut twin = Twin::formulated(plant.clone(), &plant.motion(&joints).unwrap(), formulation).unwrap();
                 let mut worst = 0f64;
                 for k in 1..=50 {
                     for _ in 0..(2e-3_f64 / step).round() as usize {
-                        twin.step(step, &torque).unwrap();
+                        twin.step(step, &drive).unwrap();
                     }
-                    let expected = masses.run([0.2, 0.0, -0.5, 0.0], 12.0, 2e-3 * f64::from(k));
-                    let seen = twin.evaluate(&torque).unwrap();
+                    let expected = masses.run([0.2, 0.0, -0.5, 0.0], torque, 2e-3 * f64::from(k));
+                    let seen = twin.evaluate(&drive).unwrap();
                     worst = worst.max((twin.encoders()[arm] - expected[0] - expected[1]).abs());
                     worst = worst.max((seen.motion.q[arm] - expected[0]).abs());
                     worst = worst.max((seen.encoder_rate[arm] - expected[2] - expected[3]).abs() / 100.0);

@@ -141,7 +141,7 @@ fn effects_act_on_nothing_but_the_parts_they_name() {
     for effect in &REGISTRY[1..] {
         let on_drives = |b: usize| b < STRUT || b == ROTOR;
         let allowed = |b: usize| match effect.acts_on() {
-            Part::Drives | Part::Motors => on_drives(b),
+            Part::Drives => on_drives(b),
             Part::Axis4 | Part::FourthDrive => b == ROTOR,
             // Weight is checked below: every body, in proportion to its mass.
             Part::Weight => true,
