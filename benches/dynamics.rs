@@ -4,9 +4,6 @@
 
 #![allow(missing_docs)] // the macros below write public functions
 
-#[path = "../tests/common/mod.rs"]
-mod common;
-
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
@@ -21,6 +18,7 @@ use deltatwin::recording::Channel;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin::twin::maximal::MaximalCoordinates;
 use deltatwin::twin::{Checkpoint, Options, Torque, Twin, simulate};
+use deltatwin_benches::common;
 use deltatwin_io::{model, scenario};
 use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;

@@ -2,9 +2,6 @@
 
 #![allow(missing_docs)] // the macros below write public functions
 
-#[path = "../tests/common/mod.rs"]
-mod common;
-
 use criterion::{Criterion, criterion_group, criterion_main};
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::estimator::{Estimator, PRIOR_INFORMATION};
@@ -12,6 +9,7 @@ use deltatwin::identification::normal_equations::{NormalEquations, UNIT_WEIGHTS}
 use deltatwin::identification::{Dataset, KeptColumns, fit, predict};
 use deltatwin::machine::Setup;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
+use deltatwin_benches::common;
 use nalgebra::DVector;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;

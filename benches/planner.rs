@@ -2,11 +2,6 @@
 
 #![allow(missing_docs)] // the macros below write public functions
 
-#[path = "../tests/common/mod.rs"]
-mod common;
-#[path = "../tests/common/oracle.rs"]
-mod oracle;
-
 use std::hint::black_box;
 
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
@@ -15,7 +10,8 @@ use deltatwin::dynamics::Plant;
 use deltatwin::planner::jerk::{self, Sequence};
 use deltatwin::planner::rows::{Grid, Tightening};
 use deltatwin::planner::{Limits, Machine, Objective, Options, PathPoint, Reference, pass, plan};
-use oracle::{Oracle, Programme};
+use deltatwin_benches::common;
+use deltatwin_benches::oracle::{Oracle, Programme};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 

@@ -3,10 +3,7 @@
 //! One 10 s closed-loop motion, feed-forward plus PD held over each step; the error is taken against the same loop with
 //! 16 steps per hold. Only the step calls are timed. Prints a table and draws `docs/work-precision.svg`.
 //!
-//! cargo bench -p deltatwin-validation --bench work_precision
-
-#[path = "../tests/common/mod.rs"]
-mod common;
+//! cargo bench -p deltatwin-benches --bench work_precision
 
 use std::time::Instant;
 
@@ -16,6 +13,7 @@ use deltatwin::machine::Setup;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin::twin::constraints::rows;
 use deltatwin::twin::{Torque, Twin};
+use deltatwin_benches::common;
 use plotters::prelude::*;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
