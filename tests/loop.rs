@@ -102,6 +102,7 @@ fn noisy_data_return_the_base_parameters_with_the_errors_that_are_stated() {
 /// Near a reversal the smoothed rate and acceleration are not those of the machine, and friction at low speed takes the error
 /// up unless the fit leaves these samples out.
 #[test]
+#[ignore = "campaign"]
 fn friction_at_low_speed_has_the_error_that_is_stated() {
     for name in ["viscous_curve", "drive_stribeck"] {
         let case = Case { effects: vec![name.into()], strut_sensor: false, duration: 10.0, ..Case::default() };
