@@ -176,11 +176,11 @@ impl<'a> Values<'a> {
     }
 
     /// Inertia of 1 kg·m² about an arm's shaft, or of 1 kg along a carriage's guide, in the frame of the arm, as of a motor that
-    /// moves with it. Its mass must not weigh: a law adds the force m·g upwards.
+    /// moves with it. Its mass must not weigh: a law that adds it also adds the force m·g upwards.
     pub fn of_motor(&self) -> Inertia {
         match self.carriages {
             true => Inertia::diagonal(1.0, [0.0; 3], [0.0; 3]),
-            // A second moment along the arm, without which the arm is still a body; only the one about y enters.
+            // Only the moment about y enters; with as much about z, an arm from which it is taken is still a possible body.
             false => Inertia::diagonal(0.0, [0.0; 3], [0.0, 1.0, 1.0]),
         }
     }
