@@ -1,12 +1,15 @@
 //! Validation of effects on held-out recordings, or on the fitted ones without any.
 
+use std::ops::Range;
 use std::sync::Arc;
+
+use nalgebra::DVector;
 
 use super::budget::Budget;
 use super::fitting::Fitting;
 use super::problem::{self, Edges};
 use crate::evidence::drift::Noise;
-use crate::evidence::{Assessment, Column, Ranking};
+use crate::evidence::{Assessment, Column, Ranking, critical, cut, dot, t_statistic};
 use crate::identification::fit::{Fit, FitError};
 use crate::identification::{Dataset, KeptColumns, NoiseLevel, Residuals};
 use crate::model::Model;
@@ -42,6 +45,9 @@ pub(super) const UNEXPLAINED: f64 = 1.15;
 
 /// The ratio over coarse angles, whose smoothing leaves more.
 const UNEXPLAINED_OF_COARSE: f64 = 1.25;
+
+/// Blocks of the validation data whose losses two fits are compared by.
+const BLOCKS: usize = 50;
 
 /// A fit with its residuals on the validation data.
 #[derive(Clone)]
@@ -155,6 +161,30 @@ impl<'a> Judge<'a> {
             _ => Arc::new(Residuals::along(&fit.model, &self.kept)?),
         };
         Ok(Judged { fit, residuals })
+    }
+
+    /// t statistic of the losses of `rival` less those of `best` over blocks of the validation data without the samples next
+    /// to reversals, and its critical value [Vuong 1989].
+    pub fn compare(&self, best: &Judged, rival: &Judged) -> (f64, f64) {
+        let (segments, samples) = problem::determined(self.data());
+        let blocks = cut(&segments, 0, BLOCKS);
+        let level = NoiseLevel { of_each: vec![self.floor.clone(); self.data().len()], pooled: self.floor.clone() };
+        let losses = |judged: &Judged| {
+            let series = problem::residual_series(self.data(), &level, &judged.residuals);
+            let square = |c: usize, range: &Range<usize>| {
+                let own = &series[c * samples..][range.clone()];
+                dot(own, own) / self.floor[c].powi(2).max(f64::MIN_POSITIVE)
+            };
+            let loss = |block: &Vec<Range<usize>>| -> f64 {
+                block
+                    .iter()
+                    .flat_map(|range| (0..self.floor.len()).map(move |c| (c, range)))
+                    .map(|(c, r)| square(c, r))
+                    .sum()
+            };
+            DVector::from_iterator(blocks.len(), blocks.iter().map(loss))
+        };
+        (t_statistic(&losses(best), &losses(rival), 0.0), critical(blocks.len()))
     }
 
     /// Whether an effect gains so much less on the fitted data than what is left with it above the noise that no

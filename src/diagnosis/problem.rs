@@ -110,7 +110,7 @@ impl Fitting<'_> {
                 if is_sensor(shapes) {
                     variant.columns = columns.next().expect("one per shape");
                 } else {
-                    variant.columns.iter_mut().for_each(|column| delay(datasets, late, &mut column.values));
+                    variant.columns.iter_mut().for_each(|column| report(datasets, late, &mut column.values));
                 }
             }
         }
@@ -290,8 +290,9 @@ impl Fitting<'_> {
     }
 }
 
-/// Delays the torques of a column, which has the samples of all datasets for one channel after the other.
-fn delay(datasets: &[Dataset], late: &ActiveEffect, values: &mut [f64]) {
+/// Applies an effect on the reported torques to a column, which has the samples of all datasets for one channel after the
+/// other.
+pub fn report(datasets: &[Dataset], sensor: &ActiveEffect, values: &mut [f64]) {
     let block = block(datasets);
     let samples = values.len() / datasets[0].channels.len();
     let drives = datasets[0].channels.iter().filter(|c| c.drive().is_some()).count();
@@ -300,10 +301,10 @@ fn delay(datasets: &[Dataset], late: &ActiveEffect, values: &mut [f64]) {
         let own = averaged_segments(std::slice::from_ref(dataset), block);
         for segment in own.iter().map(|s| first + s.start..first + s.end) {
             let times = (0..segment.len()).map(|k| k as f64 * block as f64 * dataset.dt).collect();
-            let mut signals = Signals::new(late.host.mechanism, times);
+            let mut signals = Signals::new(sensor.host.mechanism, times);
             let own = |axis: usize| axis * samples + segment.start..axis * samples + segment.end;
             (0..drives).for_each(|axis| signals.set(Torque(axis), values[own(axis)].to_vec()));
-            late.observe(&mut signals);
+            sensor.observe(&mut signals);
             (0..drives).for_each(|axis| values[own(axis)].copy_from_slice(&signals[Torque(axis)]));
         }
         first += own.last().map_or(0, |s| s.end);
@@ -430,7 +431,7 @@ pub fn segments(datasets: &[Dataset]) -> (Vec<Range<usize>>, usize) {
 }
 
 /// Their parts away from reversals, where the smoothed motion is the motion, and the total length of all.
-fn determined(datasets: &[Dataset]) -> (Vec<Range<usize>>, usize) {
+pub fn determined(datasets: &[Dataset]) -> (Vec<Range<usize>>, usize) {
     let (averaged, samples) = segments(datasets);
     let mut is_away = vec![true; samples];
     let mut first = 0;

@@ -9,6 +9,7 @@ mod alone;
 mod fits;
 mod models;
 mod pairs;
+mod rivals;
 mod standing;
 
 use std::cell::OnceCell;
@@ -134,6 +135,7 @@ fn find_along(
                         }
                         let best = search.better_of(standing);
                         let best = search.or_alone(best, progress)?;
+                        let best = search.or_rival(best, progress)?;
                         return Ok(search.found(best));
                     }
                     Err(name) => {
@@ -472,6 +474,14 @@ impl<'a> Search<'a> {
                 }
             }
             next.candidates[chosen[i].candidate].variants[chosen[i].variant].columns.push(owned.column.clone());
+        }
+        // The columns of the others are seen through the effects on the time of the torques as those of the model are.
+        let in_time = |a: &&ActiveEffect| names.contains(&a.effect.name().into()) && a.shifts_time();
+        for sensor in fitted.model.effects.iter().filter(in_time) {
+            let others = (0..).zip(&mut next.candidates).filter(|(i, _)| chosen.iter().all(|c| c.candidate != *i));
+            let variants = others.flat_map(|(_, candidate)| &mut candidate.variants);
+            let columns = variants.flat_map(|variant| &mut variant.columns);
+            columns.for_each(|column| problem::report(fitting.datasets, sensor, &mut column.values));
         }
         next.base = problem::along_edges(base, fitted, self.edges);
         next.base.extend(fitting.blurred_reversals());

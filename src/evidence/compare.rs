@@ -92,7 +92,8 @@ impl BaseFit<'_> {
             let c = &mut candidates[i];
             c.overlap = if energy > 0.0 { (shared.norm_squared() / energy).clamp(0.0, 1.0) } else { 0.0 };
             c.t_against_best = if i == w { 0.0 } else { t_statistic(&best, &rival, size(i) - size(w)) };
-            let is_extension = c.overlap > CONTAINED && c.rank > present[w].projected.rank();
+            // An extension by more parameters that fits no better than those cost.
+            let is_extension = c.overlap > CONTAINED && c.rank > present[w].projected.rank() && c.t_against_best >= 0.0;
             let (gain, reached) = (-best.sum(), -rival.sum());
             let is_far_behind = reached < REACHES.0 * gain && gain - reached > REACHES.1;
             let is_rival = c.t_against_best < critical && !is_far_behind;

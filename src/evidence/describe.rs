@@ -39,6 +39,12 @@ pub fn f_of(entry: &Entry<'_>, rest: &Remainder) -> f64 {
     }
 }
 
+/// Natural logarithm of the χ² tail of rank × F, with one degree of freedom more for a searched shape parameter.
+pub fn ln_p_of(entry: &Entry<'_>, problem: &Problem, rest: &Remainder) -> f64 {
+    let rank = entry.projected.rank() as f64;
+    if rank > 0.0 { ln_chi2_tail(rank * f_of(entry, rest), rank + searched(problem, entry.candidate)) } else { 0.0 }
+}
+
 pub fn contribution<'b>(entry: &Entry<'b>) -> Contribution<'b> {
     let coefficients = &entry.projected.basis * &entry.scores.sum;
     let imitation = &entry.projected.imitation * &coefficients;
@@ -123,9 +129,7 @@ pub fn describe(
     let weight = |a: &Absorption| a.percent.unwrap_or(0.0).abs();
     absorbed_by.sort_by(|a, b| weight(b).total_cmp(&weight(a)).then(b.change.abs().total_cmp(&a.change.abs())));
     absorbed_by.truncate(5);
-    let f = f_of(entry, rest);
     let rank = projected.rank();
-    let freedom = rank as f64 + searched(problem, entry.candidate);
     Assessment {
         candidate: entry.candidate,
         name: candidate.name.clone(),
@@ -136,8 +140,8 @@ pub fn describe(
         noncentrality: sized.then_some(energy),
         absorbed_by,
         rank,
-        f_statistic: f,
-        ln_p: if rank > 0 { ln_chi2_tail(rank as f64 * f, freedom) } else { 0.0 },
+        f_statistic: f_of(entry, rest),
+        ln_p: ln_p_of(entry, problem, rest),
         score: chance.score,
         p_marginal: chance.p_marginal,
         p_adjusted: chance.p_adjusted,

@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 
 use super::base_fit::{BaseFit, sum};
-use super::describe::{Chance, Entry, Gain, base_estimates, contribution, describe, f_of};
+use super::describe::{Chance, Entry, Gain, base_estimates, contribution, describe, ln_p_of};
 use super::gram::{BlockGram, Blocks, cut, usable};
 use super::predict::{Contribution, Effect, effects};
 use super::problem::{Chosen, Problem, Settings, Variant};
@@ -134,8 +134,9 @@ impl<'a> BaseFit<'a> {
         let groups: Vec<Vec<&Entry<'_>>> =
             tested.iter().map(|j| entries.list.iter().filter(|e| e.candidate == *j).collect()).collect();
         let chances = entries.chances(&groups, self.blocks.len(), settings);
-        let f = |e: &Entry<'_>| f_of(e, &entries.rest);
-        let best = groups.iter().map(|g| g.iter().copied().max_by(|a, b| f(a).total_cmp(&f(b))));
+        // A variant with the derivatives of its shape has more columns than the others.
+        let ln_p = |e: &Entry<'_>| ln_p_of(e, problem, &entries.rest);
+        let best = groups.iter().map(|g| g.iter().copied().min_by(|a, b| ln_p(a).total_cmp(&ln_p(b))));
         let (chances, present): (Vec<Chance>, Vec<&Entry<'_>>) =
             chances.into_iter().zip(best).filter_map(|(chance, best)| Some((chance, best?))).unzip();
         let blockwise: Vec<Vec<DMatrix<f64>>> =

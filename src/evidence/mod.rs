@@ -48,11 +48,11 @@ pub mod whiten;
 #[cfg(test)]
 mod campaign;
 
-pub(crate) use compare::t_statistic;
+pub(crate) use compare::{critical, t_statistic};
 pub use confusion::{Confusion, confusion};
 pub use error::Error;
 pub use evaluate::evaluate;
-pub(crate) use gram::dot;
+pub(crate) use gram::{cut, dot};
 pub use pairs::{Pair, pairs};
 pub use problem::{Candidate, Channel, Chosen, Column, Problem, Settings, Variant};
 pub use ranking::{Absorption, Assessment, Estimate, Ranking, TooFew, Visibility};

@@ -203,6 +203,34 @@ fn answers_are_graded_by_their_truth() {
     }
 }
 
+/// Effects that differ near standstill only, contain each other, or act on the time of the torques: they are compared where
+/// each is fitted.
+#[test]
+#[ignore = "campaign"]
+fn rivals_on_carriages_are_compared_as_fitted() {
+    common::at_root();
+    for (name, seed, strut_sensor) in [
+        ("drive_coulomb_asymmetry", 13_557_752_304_978_864_492, true),
+        ("hose_spring", 3_293_784_209_508_248_227, false),
+        ("signal_delay", 16_335_917_927_032_969_802, false),
+    ] {
+        let case = Case {
+            seed,
+            effects: vec![name.into()],
+            motion: MotionKind::Wideband,
+            strut_sensor,
+            payload: false,
+            duration: 20.0,
+            ..Case::default()
+        };
+        let c = campaign(&model("linear-delta"), &case, &|_, _| {}).unwrap();
+        let answer = judge::judge(&c.model, &[c.measurement, c.validation]);
+        let truth = judge::Truth { effects: vec![name.into()], ..judge::Truth::default() };
+        println!("{name}: {:?} {:?}", answer.effects, answer.indistinguishable);
+        assert_eq!(Grade::of(&truth, &answer), Grade::Right, "{name}: {:?}", answer.effects);
+    }
+}
+
 fn run(arguments: &[&str]) -> Output {
     Command::cargo_bin("deltatwin").unwrap().args(arguments).output().unwrap()
 }

@@ -66,7 +66,7 @@ impl Search<'_> {
     }
 
     /// RMS residuals without each of the chosen effects, or the name of the weakest that is not confirmed.
-    fn stand(&self, chosen: &[Chosen], end: &Judged) -> Result<Result<Vec<Vec<f64>>, String>, FitError> {
+    pub(super) fn stand(&self, chosen: &[Chosen], end: &Judged) -> Result<Result<Vec<Vec<f64>>, String>, FitError> {
         let name = |c: &Chosen| self.shape(c).effect.name();
         let is_refused = |c: &&Chosen| self.is_too_early(&end.fit, name(c)) || self.is_no_law(&end.fit, name(c));
         if let Some(c) = chosen.iter().find(is_refused) {

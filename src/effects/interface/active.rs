@@ -218,6 +218,11 @@ impl ActiveEffect {
         self.effect.sensor().map_or([0.0; 2], |sensor| sensor.reach(&self.values()))
     }
 
+    /// Whether earlier or later signals enter the reported ones.
+    pub fn shifts_time(&self) -> bool {
+        self.sensor_memory() > 0.0 || self.sensor_reach() != [0.0; 2]
+    }
+
     /// Elastic gears between encoder and joint; `None` if there are none.
     pub fn gear_springs(&self) -> Option<PerAxis<GearSpring>> {
         self.effect.compliance()?.gear_springs(&self.values())
