@@ -502,3 +502,45 @@ fn uneven_limbs_run_both_ways() {
     println!("{worst:.1e} of {largest:.1}");
     assert!(worst < 1e-7 && largest > 20.0, "{worst:e} of {largest}");
 }
+
+/// Where the end effector is part of the platform, a force beside its centre turns the platform: forces of the balls, weight,
+/// inertia and drag are in equilibrium, and the column of the drag is the change of the loads.
+#[test]
+fn loads_beside_the_centre_turn_the_platform() {
+    use deltatwin::dynamics::{Sample, inertial_wrench, regressor, steady_inverse_dynamics, steady_socket_loads};
+    use deltatwin::machine::Payload;
+    use deltatwin::machine::bodies::{END_EFFECTOR, PLATFORM};
+    const COEFFICIENT: f64 = 3.0;
+    let payload = Payload { mass: 0.5, com: Vector3::new(0.06, -0.04, -0.03), ..Payload::default() };
+    for name in ["linear-delta", "clavel-delta", "par2"] {
+        let setup = Setup { payload, ..Setup::default() };
+        let mut robot = model(name);
+        robot.effects.clear();
+        robot.effects.push(ActiveEffect::new(find("payload_drag").unwrap(), &[&[COEFFICIENT]]));
+        let mut plant = Plant::new(&robot, &setup);
+        let motion = plant.motion(&smooth(&plant, 0.26)).unwrap();
+        let struts = plant.mechanism.struts();
+        let [platform, tool] = [PLATFORM, END_EFFECTOR].map(|b| &motion.bodies[b]);
+        let lever = tool.position + payload.com - platform.position;
+        let drag = -platform.velocity * (COEFFICIENT * platform.velocity.norm());
+        let (force, moment) = inertial_wrench(&plant.bodies[PLATFORM], platform, &plant.gravity_vector());
+        let (mut force, mut moment) = (drag - force, lever.cross(&drag) - moment);
+        let forces = steady_socket_loads(&plant, 0.0, &motion).unwrap().sockets;
+        for s in 0..struts {
+            force -= forces[struts + s];
+            moment -= (motion.lower_ball(s) - platform.position).cross(&forces[struts + s]);
+        }
+        println!("{name}: drag {:.2} N, left {:.1e} N, {:.1e} N·m", drag.norm(), force.norm(), moment.norm());
+        assert!(drag.norm() > 0.1 && force.norm() < 1e-9 && moment.norm() < 1e-9, "{name}: {force} {moment}");
+        let mut channels = Channel::of_drives(plant.mechanism);
+        channels.extend((0..struts).flat_map(|s| [Channel::StrutUpper(s), Channel::StrutLower(s)]));
+        let with = steady_inverse_dynamics(&plant, 0.0, &motion, true).unwrap();
+        let at = Sample { t: 0.0, motion: &motion, loads: &with };
+        let column = regressor(&plant, &[&plant.effects[0]], &at, &[&[]], &channels).unwrap().column(0) * COEFFICIENT;
+        plant.effects.clear();
+        let without = steady_inverse_dynamics(&plant, 0.0, &motion, true).unwrap();
+        for (channel, own) in channels.iter().zip(&column) {
+            approx::assert_relative_eq!(with.of(*channel) - without.of(*channel), *own, epsilon = 1e-9);
+        }
+    }
+}

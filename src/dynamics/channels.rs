@@ -72,7 +72,12 @@ impl ChannelMap {
             let plate = AnyPlate::new(geometry, motion, with_struts)?;
             channels.for_each(|(xi, channel)| plate.set_twists(motion, *channel, xi));
         }
+        let lever = motion.bodies[END_EFFECTOR].position - motion.bodies[PLATFORM].position;
         for (xi, &channel) in self.twists.iter_mut().zip(&self.channels) {
+            if !geometry.has_end_effector() {
+                let (v, omega) = xi[PLATFORM];
+                xi[END_EFFECTOR] = (v + omega.cross(&lever), omega);
+            }
             if let Channel::StrutUpper(s) = channel {
                 xi[strut(s)].0 += motion.strut_axis[s];
             }
@@ -224,9 +229,6 @@ impl AnyPlate {
             }
             (Channel::StrutUpper(s) | Channel::StrutLower(s), Some(gaps)) => gaps.spread(&gaps.gap(s), &mut arms, xi),
             _ => self.bodies.iter().for_each(|&body| xi[body] = STILL),
-        }
-        if !self.bodies.contains(&END_EFFECTOR) {
-            xi[END_EFFECTOR] = xi[PLATFORM];
         }
         set_drives(xi, motion, &arms, rotor);
         spread_struts(motion, xi);

@@ -28,3 +28,4 @@ pub use newton_euler::inertial_wrench;
 pub use parameters::{ParamTable, PlantParameter};
 pub use plant::{Plant, in_configuration, set_parameters};
 pub(crate) use plate::without_prestress;
+pub(crate) use reduction::join_end_effector;

@@ -6,7 +6,7 @@
 
 use nalgebra::{Vector3, Vector6};
 
-use super::Output;
+use super::{Output, STILL};
 use super::channels::{Three, Twist};
 use super::plate::PlateMotions;
 use crate::kinematics::{KinematicsError, Motion, Reactions};
@@ -28,6 +28,7 @@ struct Reduced {
 
 /// Equilibrium of wrenches with drive torques and strut forces at one pose.
 pub(super) struct Reduction<'a> {
+    geometry: &'a Geometry,
     motion: &'a Motion,
     carried: Carried,
 }
@@ -45,7 +46,7 @@ enum Carried {
 
 impl<'a> Reduction<'a> {
     pub(super) fn new(
-        geometry: &Geometry,
+        geometry: &'a Geometry,
         motion: &'a Motion,
         assembled: bool,
         with_struts: bool,
@@ -57,12 +58,15 @@ impl<'a> Reduction<'a> {
         } else {
             Carried::Plate(Box::new(PlateMotions::new(geometry, motion)?))
         };
-        Ok(Self { motion, carried })
+        Ok(Self { geometry, motion, carried })
     }
 
     /// Drive torques (N·m) and axial strut forces (N) at elbow and platform that balance `wrenches`; forces not
     /// requested are zero.
     pub(super) fn balance(&self, wrenches: &[Twist; SLOTS]) -> Output {
+        let mut wrenches = *wrenches;
+        join_end_effector(self.geometry, self.motion, &mut wrenches);
+        let wrenches = &wrenches;
         match &self.carried {
             Carried::Plate(plate) => self.balance_plate(plate, wrenches),
             Carried::Nothing => self.of_platform(wrenches, None),
@@ -179,11 +183,22 @@ impl<'a> Reduction<'a> {
     }
 }
 
+/// Where the end effector is part of the platform, so are the loads on it.
+pub(crate) fn join_end_effector(geometry: &Geometry, motion: &Motion, wrenches: &mut [Twist; SLOTS]) {
+    if geometry.has_end_effector() {
+        return;
+    }
+    let lever = motion.bodies[END_EFFECTOR].position - motion.bodies[PLATFORM].position;
+    let (force, moment) = std::mem::replace(&mut wrenches[END_EFFECTOR], STILL);
+    wrenches[PLATFORM].0 += force;
+    wrenches[PLATFORM].1 += moment + lever.cross(&force);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::dynamics::channels::{ChannelMap, gap_inverse};
-    use crate::dynamics::{Plant, STILL};
+    use crate::dynamics::Plant;
     use crate::kinematics::JointState;
     use crate::machine::six_struts;
     use crate::model::testing::irb360;

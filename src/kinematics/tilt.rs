@@ -129,7 +129,7 @@ impl Motion {
     }
 
     /// Sets telescope and end effector between the rotor and a platform that turns: the end effector turns with the
-    /// platform and, by κ̇ about its normal, with the telescope.
+    /// platform and, by κ̇ about its normal, with the telescope if there is one.
     fn place_chain(&mut self, geometry: &Geometry) {
         let platform = self.bodies[PLATFORM];
         let (omega, alpha) = (platform.angular_velocity, platform.angular_acceleration);
@@ -143,6 +143,10 @@ impl Motion {
                 ..platform
             }
         };
+        if !geometry.has_end_effector() {
+            self.bodies[END_EFFECTOR] = on_pivot(geometry.flange_height);
+            return;
+        }
         let hooke = on_pivot(geometry.lower_hooke_height);
         let (upper, lower, telescope) = telescope_motion(
             geometry.upper_hooke(),

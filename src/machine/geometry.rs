@@ -267,6 +267,11 @@ impl Geometry {
         self.telescope_limits[1].is_finite()
     }
 
+    /// Whether the end effector moves relative to the platform; otherwise it is part of it.
+    pub fn has_end_effector(&self) -> bool {
+        self.has_telescope() || self.plate.turns()
+    }
+
     /// How the arms of all limbs move; the inclination of guides is the first limb's.
     pub fn actuator(&self) -> Actuator {
         self.limbs[0].actuator

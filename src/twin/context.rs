@@ -11,9 +11,9 @@ use super::layout::{Layout, WORK_CONTACT, WORK_EFFECTS, WORK_RESTRAINTS, WORK_ST
 use super::stops::{self, Hit, STOPS};
 use super::torque::Torque;
 use super::wrench::{Load, STILL, Twist};
-use crate::dynamics::Plant;
+use crate::dynamics::{Plant, join_end_effector};
 use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
-use crate::machine::bodies::{END_EFFECTOR, PLATFORM, SLOTS, strut};
+use crate::machine::bodies::{PLATFORM, SLOTS, strut};
 use crate::machine::{PerAxis, axes_from, each, every_axis, every_strut, struts_from};
 use crate::numerics::{Anderson, worst};
 
@@ -192,7 +192,7 @@ impl Context {
             wrenches[strut(s)].1 -= u * (damping * spin);
             scratch.restraint_power -= damping * spin * spin;
         }
-        carry(&self.plant, motion, wrenches);
+        join_end_effector(&self.plant.geometry, motion, wrenches);
     }
 
     /// Solves `equations` for wrenches on the bodies, iterating over the laws that depend on the solution, which they write
@@ -223,7 +223,7 @@ impl Context {
             *motors = scratch.resting;
             let at = Evaluation { plant: &self.plant, scene: &scene, motion: moved, reactions };
             self.forces.add(&at, true, Sums { wrenches: total, motors, powers });
-            carry(&self.plant, moved, total);
+            join_end_effector(&self.plant.geometry, moved, total);
             scratch.fault = scratch.fault.take().or_else(|| self.forces.fault(&at, powers));
             let before = scratch.answer;
             let solution = equations(&self.plant, &scratch.total, &mut scratch.answer)?;
@@ -301,16 +301,6 @@ impl Context {
         work[WORK_STRUTS] = struts;
         work[WORK_STOPS] = scratch.stop_power;
         work[WORK_EFFECTS..].copy_from_slice(&scratch.powers);
-    }
-}
-
-/// Where the end effector is part of the platform, so are the loads on it.
-fn carry(plant: &Plant, motion: &Motion, wrenches: &mut [Twist; SLOTS]) {
-    if !plant.mechanism.has_end_effector() {
-        let lever = motion.bodies[END_EFFECTOR].position - motion.bodies[PLATFORM].position;
-        let (force, moment) = std::mem::replace(&mut wrenches[END_EFFECTOR], STILL);
-        wrenches[PLATFORM].0 += force;
-        wrenches[PLATFORM].1 += moment + lever.cross(&force);
     }
 }
 
