@@ -6,9 +6,9 @@
 
 use nalgebra::{Vector3, Vector6};
 
-use super::{Output, STILL};
 use super::channels::{Three, Twist};
 use super::plate::PlateMotions;
+use super::{Output, STILL};
 use crate::kinematics::{KinematicsError, Motion, Reactions};
 use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, strut};
 use crate::machine::{Geometry, PerAxis, PerLimb, TELESCOPE_AXIS, each, may_have_telescope};
@@ -197,8 +197,8 @@ pub(crate) fn join_end_effector(geometry: &Geometry, motion: &Motion, wrenches: 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dynamics::channels::{ChannelMap, gap_inverse};
     use crate::dynamics::Plant;
+    use crate::dynamics::channels::{ChannelMap, gap_inverse};
     use crate::kinematics::JointState;
     use crate::machine::six_struts;
     use crate::model::testing::irb360;

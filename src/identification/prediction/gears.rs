@@ -23,15 +23,22 @@ use rayon::prelude::*;
 
 use super::states::InternalStates;
 use super::{Channels, Joints};
-use crate::dynamics::{Plant, inverse_dynamics};
+use crate::dynamics::{ChannelMap, Plant, inverse_dynamics};
 use crate::effects::{ActiveEffect, GearSpring, Kind};
 use crate::identification::Dataset;
 use crate::kinematics::{JointState, KinematicsError};
 use crate::machine::{Part, PerAxis, every_axis};
+use crate::recording::Channel;
 
-/// Newmark's γ and β: the trapezoidal rule with slight damping of frequencies above the sampling rate.
-const GAMMA: f64 = 0.55;
-const BETA: f64 = 0.25 * (0.5 + GAMMA) * (0.5 + GAMMA);
+/// Newmark's γ and β of slow and of fast gears: Fox and Goodwin's rule, of fourth order for oscillations and stable below ω·h =
+/// 2.4; and the trapezoidal rule, stable at any, with slight damping of frequencies above the sampling rate.
+const SLOW: [f64; 2] = [0.5, 1.0 / 12.0];
+const FAST: [f64; 2] = [0.55, 0.25 * (0.5 + 0.55) * (0.5 + 0.55)];
+/// ω·h from which a gear is fast, and share of the inertia at the present pose that it may have at another one.
+const IS_FAST: f64 = 2.0;
+const LEAST_INERTIA: f64 = 0.5;
+/// Time over which the first deflection is determined, s.
+const START: f64 = 0.02;
 /// Largest number of quasi-Newton steps per sample, and number of steps after which the Jacobian is recomputed.
 const MOST_STEPS: usize = 12;
 const OLD_JACOBIAN: usize = 3;
@@ -68,7 +75,8 @@ pub(super) fn deflected<'a>(
     let own = InternalStates::along(&plant, &effects, dataset, rigid)?;
     let encoders = encoders(dataset, rigid.plant);
     let mut states = encoders.clone();
-    let arms = Arms { plant: &plant, gears, dataset, own: &own, encoders: &encoders };
+    let rule = Newmark::new(&plant, gears, &encoders[0], dataset.dt)?;
+    let arms = Arms { plant: &plant, gears, dataset, own: &own, encoders: &encoders, rule };
     for segment in &dataset.segments {
         arms.along(segment.clone(), &mut states)?;
     }
@@ -87,6 +95,29 @@ fn encoders(dataset: &Dataset, plant: &Plant) -> Vec<JointState> {
     dataset.joints.iter().zip(dataset.ringing()).map(one).collect()
 }
 
+/// Newmark's parameters of every gear.
+struct Newmark {
+    gamma: Vector4<f64>,
+    beta: Vector4<f64>,
+}
+
+impl Newmark {
+    /// Parameters for steps of `h` (s), between both rules by how fast a gear oscillates with its encoder held: ω² =
+    /// 1/(c·M), M the inertia behind the gear at the pose of `joint`.
+    fn new(plant: &Plant, gears: &PerAxis<GearSpring>, joint: &JointState, h: f64) -> Result<Self, KinematicsError> {
+        let motion = plant.motion(joint)?;
+        let channels: Vec<Channel> = (0..plant.mechanism.arms()).map(Channel::Torque).collect();
+        let map = ChannelMap::new(&plant.geometry, &motion, plant.assembled, &channels)?;
+        let behind = map.mass(&plant.bodies, &motion);
+        let fast: PerAxis<f64> = std::array::from_fn(|i| {
+            let slowness = gears[i].compliance * LEAST_INERTIA * behind[(i, i)];
+            if slowness > 0.0 { (h * h / slowness / (IS_FAST * IS_FAST)).min(1.0) } else { 1.0 }
+        });
+        let between = |k: usize| Vector4::from(fast.map(|fast| SLOW[k] + fast * (FAST[k] - SLOW[k])));
+        Ok(Self { gamma: between(0), beta: between(1) })
+    }
+}
+
 /// Deflections of the arms' gears and their first two derivatives.
 #[derive(Clone, Copy)]
 struct Deflection {
@@ -97,11 +128,12 @@ struct Deflection {
 
 impl Deflection {
     /// The deflection after the step `h` (s) with the given new acceleration.
-    fn after(&self, h: f64, acceleration: Vector4<f64>) -> Self {
-        let mean = (1.0 - 2.0 * BETA) * self.acceleration + 2.0 * BETA * acceleration;
+    fn after(&self, h: f64, rule: &Newmark, acceleration: Vector4<f64>) -> Self {
+        let change = acceleration - self.acceleration;
+        let mean = self.acceleration + 2.0 * rule.beta.component_mul(&change);
         Self {
             angle: self.angle + h * self.rate + 0.5 * h * h * mean,
-            rate: self.rate + h * ((1.0 - GAMMA) * self.acceleration + GAMMA * acceleration),
+            rate: self.rate + h * (self.acceleration + rule.gamma.component_mul(&change)),
             acceleration,
         }
     }
@@ -124,6 +156,7 @@ struct Arms<'a> {
     dataset: &'a Dataset,
     own: &'a InternalStates,
     encoders: &'a [JointState],
+    rule: Newmark,
 }
 
 impl Arms<'_> {
@@ -131,7 +164,7 @@ impl Arms<'_> {
     ///
     /// A fit may try inconsistent bodies, with which the deflection diverges: it is then reset to the steady one.
     fn along(&self, segment: Range<usize>, joints: &mut [JointState]) -> Result<(), KinematicsError> {
-        let mut now = self.steady(segment.start)?;
+        let mut now = self.first(&segment)?;
         let mut inverse = None;
         for k in segment {
             now = match self.next(k, &now, &mut inverse) {
@@ -141,6 +174,23 @@ impl Arms<'_> {
             joints[k] = now.behind(&self.encoders[k]);
         }
         Ok(())
+    }
+
+    /// Steady deflection at the start of a segment and its rate, of the straight line through those of the first [`START`]:
+    /// the accelerations of single samples at the end of a series are uncertain.
+    fn first(&self, segment: &Range<usize>) -> Result<Deflection, KinematicsError> {
+        let (t, start) = (&self.dataset.t, self.dataset.t[segment.start]);
+        let samples = segment.clone().take_while(|&k| t[k] - start <= START);
+        let steady = samples.map(|k| Ok((t[k] - start, self.steady(k)?.angle)));
+        let steady = steady.collect::<Result<Vec<_>, KinematicsError>>()?;
+        let n = steady.len() as f64;
+        let (time, mean) = steady.iter().fold((0.0, Vector4::zeros()), |(t, a), (x, y)| (t + x / n, a + y / n));
+        let along = |(s, c): (f64, Vector4<f64>), (x, y): &(f64, Vector4<f64>)| {
+            (s + (x - time).powi(2), c + (y - mean) * (x - time))
+        };
+        let (square, product) = steady.iter().fold((0.0, Vector4::zeros()), along);
+        let rate = if square > 0.0 { product / square } else { Vector4::zeros() };
+        Ok(Deflection { angle: mean - rate * time, rate, acceleration: Vector4::zeros() })
     }
 
     /// Steady deflection at sample `k`.
@@ -158,7 +208,7 @@ impl Arms<'_> {
         inverse: &mut Option<Matrix4<f64>>,
     ) -> Result<Deflection, KinematicsError> {
         let h = self.dataset.step(k);
-        let left = |a: &Vector4<f64>| self.excess(k, &before.after(h, *a));
+        let left = |a: &Vector4<f64>| self.excess(k, &before.after(h, &self.rule, *a));
         let mut acceleration = before.acceleration;
         let mut last: Option<[Vector4<f64>; 2]> = None;
         for step in 0..MOST_STEPS {
@@ -182,7 +232,7 @@ impl Arms<'_> {
                 break;
             }
         }
-        Ok(before.after(h, acceleration))
+        Ok(before.after(h, &self.rule, acceleration))
     }
 
     /// Deflection due to the transmitted torques minus the present deflection, rad: zero in equilibrium.
@@ -228,6 +278,7 @@ pub(super) struct Passage<'a> {
     /// Derivatives M and C of the channels with respect to the arms' accelerations and rates, channel by channel for
     /// each sample.
     slopes: Vec<[Vector4<f64>; 2]>,
+    rule: Newmark,
     /// Acceleration of s per unit deflection of the gears at fixed joints, for each sample.
     inverse: Vec<Matrix4<f64>>,
 }
@@ -264,20 +315,21 @@ impl<'a> Passage<'a> {
         };
         let slopes: Vec<Vec<[Vector4<f64>; 2]>> =
             (0..dataset.len()).into_par_iter().map(at).collect::<Result<_, KinematicsError>>()?;
+        let rule = Newmark::new(plant, gears, &joints.states[0], dataset.dt)?;
         let inverse = |(k, slopes): (usize, &Vec<[Vector4<f64>; 2]>)| {
             let h = dataset.step(k);
-            let mut matrix = Matrix4::from_diagonal_element(BETA * h * h);
+            let mut matrix = Matrix4::from_diagonal(&(rule.beta * (h * h)));
             for (i, c) in measured(&drives) {
                 let (gear, [mass, friction]) = (&gears[i], slopes[c]);
                 for j in 0..arms {
-                    matrix[(i, j)] += gear.compliance * (mass[j] + GAMMA * h * friction[j]);
+                    matrix[(i, j)] += gear.compliance * (mass[j] + rule.gamma[j] * h * friction[j]);
                 }
-                matrix[(i, i)] += gear.compliance * (GAMMA * h * gear.damping - gear.rotor_inertia);
+                matrix[(i, i)] += gear.compliance * (rule.gamma[i] * h * gear.damping - gear.rotor_inertia);
             }
             matrix.try_inverse().unwrap_or_else(Matrix4::zeros)
         };
         let inverse = slopes.iter().enumerate().map(inverse).collect();
-        Ok(Self { dataset, joints, gears, drives, slopes: slopes.concat(), inverse })
+        Ok(Self { dataset, joints, gears, drives, slopes: slopes.concat(), rule, inverse })
     }
 
     /// Converts an effect's columns from derivatives of the channels at a given motion of the joints into derivatives
@@ -304,13 +356,13 @@ impl<'a> Passage<'a> {
             let slopes = &self.slopes[k * column.len()..(k + 1) * column.len()];
             // The equation is linear in the new acceleration: the part without it, and its coefficient.
             let h = self.dataset.step(k);
-            let free = s.after(h, none);
+            let free = s.after(h, &self.rule, none);
             let mut right = self.source(column, k, own) - free.angle;
             for (i, c) in measured(&self.drives) {
                 let gear = &self.gears[i];
                 right[i] -= gear.compliance * (slopes[c][1].dot(&free.rate) + gear.damping * free.rate[i]);
             }
-            s = s.after(h, self.inverse[k] * right);
+            s = s.after(h, &self.rule, self.inverse[k] * right);
             for (c, series) in column.iter_mut().enumerate() {
                 let direct = if own.is_some() { 0.0 } else { series[k] };
                 series[k] = direct - slopes[c][0].dot(&s.acceleration) - slopes[c][1].dot(&s.rate);
