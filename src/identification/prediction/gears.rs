@@ -16,6 +16,7 @@
 //! to 1/c), Y − M·s̈ − C·ṡ + J·s̈ = s/c + d·ṡ.
 
 use std::borrow::Cow;
+use std::convert::Infallible;
 use std::ops::Range;
 
 use nalgebra::{Matrix4, Vector4};
@@ -127,6 +128,32 @@ struct Deflection {
 }
 
 impl Deflection {
+    /// Deflection at the start of a segment and its rate by the straight line through the steady ones, `at` the samples of the
+    /// first [`START`]: the accelerations of single samples at the end of a series are uncertain.
+    fn started<E>(
+        dataset: &Dataset,
+        segment: &Range<usize>,
+        at: impl Fn(usize) -> Result<Vector4<f64>, E>,
+    ) -> Result<Self, E> {
+        let (t, start) = (&dataset.t, dataset.t[segment.start]);
+        let samples = segment.clone().take_while(|&k| t[k] - start <= START);
+        let steady = samples.map(|k| Ok((t[k] - start, at(k)?))).collect::<Result<Vec<_>, E>>()?;
+        let n = steady.len() as f64;
+        let (time, mean) = steady.iter().fold((0.0, Vector4::zeros()), |(t, a), (x, y)| (t + x / n, a + y / n));
+        let along = |(s, c): (f64, Vector4<f64>), (x, y): &(f64, Vector4<f64>)| {
+            (s + (x - time).powi(2), c + (y - mean) * (x - time))
+        };
+        let (square, product) = steady.iter().fold((0.0, Vector4::zeros()), along);
+        let rate = if square > 0.0 { product / square } else { Vector4::zeros() };
+        Ok(Self { angle: mean - rate * time, rate, acceleration: Vector4::zeros() })
+    }
+
+    /// The part of one gear over its compliance.
+    fn share(&self, arm: usize, compliance: f64) -> Self {
+        let of = |all: &Vector4<f64>| Vector4::ith(arm, all[arm] / compliance);
+        Self { angle: of(&self.angle), rate: of(&self.rate), acceleration: of(&self.acceleration) }
+    }
+
     /// The deflection after the step `h` (s) with the given new acceleration.
     fn after(&self, h: f64, rule: &Newmark, acceleration: Vector4<f64>) -> Self {
         let change = acceleration - self.acceleration;
@@ -164,7 +191,7 @@ impl Arms<'_> {
     ///
     /// A fit may try inconsistent bodies, with which the deflection diverges: it is then reset to the steady one.
     fn along(&self, segment: Range<usize>, joints: &mut [JointState]) -> Result<(), KinematicsError> {
-        let mut now = self.first(&segment)?;
+        let mut now = self.started(&segment)?;
         let mut inverse = None;
         for k in segment {
             now = match self.next(k, &now, &mut inverse) {
@@ -176,21 +203,9 @@ impl Arms<'_> {
         Ok(())
     }
 
-    /// Steady deflection at the start of a segment and its rate, of the straight line through those of the first [`START`]:
-    /// the accelerations of single samples at the end of a series are uncertain.
-    fn first(&self, segment: &Range<usize>) -> Result<Deflection, KinematicsError> {
-        let (t, start) = (&self.dataset.t, self.dataset.t[segment.start]);
-        let samples = segment.clone().take_while(|&k| t[k] - start <= START);
-        let steady = samples.map(|k| Ok((t[k] - start, self.steady(k)?.angle)));
-        let steady = steady.collect::<Result<Vec<_>, KinematicsError>>()?;
-        let n = steady.len() as f64;
-        let (time, mean) = steady.iter().fold((0.0, Vector4::zeros()), |(t, a), (x, y)| (t + x / n, a + y / n));
-        let along = |(s, c): (f64, Vector4<f64>), (x, y): &(f64, Vector4<f64>)| {
-            (s + (x - time).powi(2), c + (y - mean) * (x - time))
-        };
-        let (square, product) = steady.iter().fold((0.0, Vector4::zeros()), along);
-        let rate = if square > 0.0 { product / square } else { Vector4::zeros() };
-        Ok(Deflection { angle: mean - rate * time, rate, acceleration: Vector4::zeros() })
+    /// Deflection at the start of a segment.
+    fn started(&self, segment: &Range<usize>) -> Result<Deflection, KinematicsError> {
+        Deflection::started(self.dataset, segment, |k| Ok(self.steady(k)?.angle))
     }
 
     /// Steady deflection at sample `k`.
@@ -279,6 +294,8 @@ pub(super) struct Passage<'a> {
     /// each sample.
     slopes: Vec<[Vector4<f64>; 2]>,
     rule: Newmark,
+    /// Deflections at the starts of the segments.
+    starts: Vec<Deflection>,
     /// Acceleration of s per unit deflection of the gears at fixed joints, for each sample.
     inverse: Vec<Matrix4<f64>>,
 }
@@ -329,7 +346,10 @@ impl<'a> Passage<'a> {
             matrix.try_inverse().unwrap_or_else(Matrix4::zeros)
         };
         let inverse = slopes.iter().enumerate().map(inverse).collect();
-        Ok(Self { dataset, joints, gears, drives, slopes: slopes.concat(), rule, inverse })
+        let arms = Arms { plant, gears, dataset, own: &own, encoders: &joints.encoders, rule };
+        let starts = dataset.segments.iter().map(|s| arms.started(s)).collect::<Result<_, KinematicsError>>()?;
+        let rule = arms.rule;
+        Ok(Self { dataset, joints, gears, drives, slopes: slopes.concat(), rule, starts, inverse })
     }
 
     /// Converts an effect's columns from derivatives of the channels at a given motion of the joints into derivatives
@@ -342,16 +362,26 @@ impl<'a> Passage<'a> {
         // The compliances are the first parameters.
         let count = if gears { self.joints.plant.mechanism.arms() } else { columns.len() };
         columns.par_iter_mut().take(count).enumerate().for_each(|(i, column)| {
-            for segment in &self.dataset.segments {
-                self.turn(segment.clone(), column, gears.then_some(i));
+            for (segment, start) in self.dataset.segments.iter().zip(&self.starts) {
+                self.turn(segment.clone(), column, gears.then_some((i, start)));
             }
         });
     }
 
-    /// Converts a column in one segment; `own` is the arm whose compliance is the parameter, if any.
-    fn turn(&self, segment: Range<usize>, column: &mut Channels, own: Option<usize>) {
+    /// Converts a column in one segment; `own` is the arm whose compliance is the parameter, if any, and the deflection at the
+    /// start, in proportion to it.
+    fn turn(&self, segment: Range<usize>, column: &mut Channels, own: Option<(usize, &Deflection)>) {
         let none = Vector4::zeros();
-        let mut s = Deflection { angle: self.source(column, segment.start, own), rate: none, acceleration: none };
+        let mut s = match own {
+            Some((arm, start)) if self.gears[arm].compliance > 0.0 => start.share(arm, self.gears[arm].compliance),
+            Some(_) => Deflection { angle: none, rate: none, acceleration: none },
+            None => {
+                let Ok(s) =
+                    Deflection::started::<Infallible>(self.dataset, &segment, |k| Ok(self.source(column, k, None)));
+                s
+            }
+        };
+        let own = own.map(|(arm, _)| arm);
         for k in segment {
             let slopes = &self.slopes[k * column.len()..(k + 1) * column.len()];
             // The equation is linear in the new acceleration: the part without it, and its coefficient.

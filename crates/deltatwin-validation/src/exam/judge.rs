@@ -9,6 +9,7 @@ use super::outside::Outside;
 use deltatwin::diagnosis::{self, Diagnosis, diagnose};
 use deltatwin::effects;
 use deltatwin::identification::Dataset;
+use deltatwin::identification::fit::Estimate;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 
@@ -100,15 +101,13 @@ pub fn judge(model: &Model, [measurement, validation]: &[Recording; 2]) -> Answe
 
 impl From<&Diagnosis> for Answer {
     fn from(d: &Diagnosis) -> Self {
+        // At the end of a range, the standard error is the one of the unconstrained estimate.
+        let std = |p: &Estimate| Some(p.std).filter(|s| s.is_finite() && p.bound().is_none());
         let named = |e: &diagnosis::Named| Named {
             name: e.name.clone(),
             probability: e.confidence.probability(),
             explained: e.explained,
-            parameters: e
-                .parameters
-                .iter()
-                .map(|p| (p.name.clone(), (p.value, Some(p.std).filter(|s| s.is_finite()))))
-                .collect(),
+            parameters: e.parameters.iter().map(|p| (p.name.clone(), (p.value, std(p)))).collect(),
         };
         Self {
             verdict: d.verdict.to_string(),
