@@ -193,7 +193,7 @@ fn joints<'a>(plant: &'a Plant, dataset: &'a Dataset) -> Result<Joints<'a>, Kine
         false => Cow::Borrowed(dataset.joints.as_slice()),
     };
     let rigid = Joints::new(plant, states.clone(), states);
-    match gear_springs(plant) {
+    match gear_springs(plant).filter(|_| !dataset.is_empty()) {
         Some(gears) => gears::deflected(dataset, &rigid, &gears),
         None => Ok(rigid),
     }

@@ -32,7 +32,7 @@ impl Search<'_> {
                 continue;
             }
             let (t, critical) = judge.compare(&standing.end, &fitted);
-            if t >= critical {
+            if t.is_nan() || t >= critical {
                 continue;
             }
             if t > -critical {

@@ -185,7 +185,8 @@ fn along(
     block: usize,
 ) -> Result<Vec<Vec<Channels>>, KinematicsError> {
     let joints = &moved.joints;
-    let Some(springs) = gear_springs(joints.plant) else { return at_joints(dataset, moved, wanted, block) };
+    let springs = gear_springs(joints.plant).filter(|_| !dataset.is_empty());
+    let Some(springs) = springs else { return at_joints(dataset, moved, wanted, block) };
     let passage = gears::Passage::new(dataset, joints, &springs)?;
     let mut all = Vec::with_capacity(wanted.len());
     for group in wanted.chunks(GROUP) {
