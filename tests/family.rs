@@ -503,10 +503,10 @@ fn uneven_limbs_run_both_ways() {
     assert!(worst < 1e-7 && largest > 20.0, "{worst:e} of {largest}");
 }
 
-/// Where the end effector is part of the platform, a force beside its centre turns the platform: forces of the balls, weight,
+/// Where the end effector is part of the platform, a force off its centre turns the platform: forces of the balls, weight,
 /// inertia and drag are in equilibrium, and the column of the drag is the change of the loads.
 #[test]
-fn loads_beside_the_centre_turn_the_platform() {
+fn loads_off_the_centre_turn_the_platform() {
     use deltatwin::dynamics::{Sample, inertial_wrench, regressor, steady_inverse_dynamics, steady_socket_loads};
     use deltatwin::machine::Payload;
     use deltatwin::machine::bodies::{END_EFFECTOR, PLATFORM};

@@ -12,8 +12,7 @@
 //! as F(θ, θ̇); ID is then that of the plant without them ([`behind`]).
 //!
 //! A parameter p that adds Y to the torques of a given joint motion also changes that motion: with the sensitivity s
-//! = ∂δ/∂p and M, C the derivatives of ID with respect to q̈ and q̇ (those with respect to q are negligible relative
-//! to 1/c), Y − M·s̈ − C·ṡ + J·s̈ = s/c + d·ṡ.
+//! = ∂δ/∂p and M, C, K the derivatives of ID with respect to q̈, q̇ and q, Y − M·s̈ − C·ṡ − K·s + J·s̈ = s/c + d·ṡ.
 
 use std::borrow::Cow;
 use std::convert::Infallible;
@@ -97,6 +96,7 @@ fn encoders(dataset: &Dataset, plant: &Plant) -> Vec<JointState> {
 }
 
 /// Newmark's parameters of every gear.
+#[derive(Clone, Copy)]
 struct Newmark {
     gamma: Vector4<f64>,
     beta: Vector4<f64>,
@@ -274,9 +274,9 @@ fn broyden(inverse: &Matrix4<f64>, s: &Vector4<f64>, y: &Vector4<f64>) -> Matrix
     inverse + (s - expected) * (s.transpose() * inverse) / along
 }
 
-/// Steps of accelerations, rad/s², and of rates, rad/s, for derivatives; the step of a rate is small relative to the
-/// width of friction jumps.
-const STEPS: [f64; 2] = [1.0, 1e-6];
+/// Steps of accelerations, rad/s², of rates, rad/s, and of angles, rad, for derivatives; the step of a rate is small relative
+/// to the width of friction jumps.
+const STEPS: [f64; 3] = [1.0, 1e-6, 1e-6];
 
 /// Arms with a measured torque, and its channel.
 fn measured(drives: &PerAxis<Option<usize>>) -> impl Iterator<Item = (usize, usize)> + '_ {
@@ -290,9 +290,9 @@ pub(super) struct Passage<'a> {
     gears: &'a PerAxis<GearSpring>,
     /// Channel of each arm's torque; a gear without a measured torque counts as rigid.
     drives: PerAxis<Option<usize>>,
-    /// Derivatives M and C of the channels with respect to the arms' accelerations and rates, channel by channel for
-    /// each sample.
-    slopes: Vec<[Vector4<f64>; 2]>,
+    /// Derivatives M, C and K of the channels with respect to the arms' accelerations, rates and angles, channel by channel
+    /// for each sample.
+    slopes: Vec<[Vector4<f64>; 3]>,
     rule: Newmark,
     /// Deflections at the starts of the segments.
     starts: Vec<Deflection>,
@@ -312,17 +312,17 @@ impl<'a> Passage<'a> {
         let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
         let own = InternalStates::along(plant, &effects, dataset, joints)?;
         let with_struts = dataset.channels.iter().any(|c| c.drive().is_none());
-        let at = |k: usize| -> Result<Vec<[Vector4<f64>; 2]>, KinematicsError> {
+        let at = |k: usize| -> Result<Vec<[Vector4<f64>; 3]>, KinematicsError> {
             let values = |joint: &JointState| -> Result<Vec<f64>, KinematicsError> {
                 let out = inverse_dynamics(plant, dataset.t[k], &plant.motion(joint)?, &own.at(k), with_struts)?;
                 Ok(dataset.channels.iter().map(|c| out.of(*c)).collect())
             };
             let here = values(&joints.states[k])?;
-            let mut slopes = vec![[Vector4::zeros(); 2]; here.len()];
+            let mut slopes = vec![[Vector4::zeros(); 3]; here.len()];
             for i in 0..arms {
                 for (derivative, step) in STEPS.iter().enumerate() {
                     let mut moved = joints.states[k];
-                    [&mut moved.qdd, &mut moved.qd][derivative][i] += step;
+                    [&mut moved.qdd, &mut moved.qd, &mut moved.q][derivative][i] += step;
                     for ((slope, there), here) in slopes.iter_mut().zip(values(&moved)?).zip(&here) {
                         slope[derivative][i] = (there - here) / step;
                     }
@@ -330,16 +330,17 @@ impl<'a> Passage<'a> {
             }
             Ok(slopes)
         };
-        let slopes: Vec<Vec<[Vector4<f64>; 2]>> =
+        let slopes: Vec<Vec<[Vector4<f64>; 3]>> =
             (0..dataset.len()).into_par_iter().map(at).collect::<Result<_, KinematicsError>>()?;
         let rule = Newmark::new(plant, gears, &joints.states[0], dataset.dt)?;
-        let inverse = |(k, slopes): (usize, &Vec<[Vector4<f64>; 2]>)| {
+        let inverse = |(k, slopes): (usize, &Vec<[Vector4<f64>; 3]>)| {
             let h = dataset.step(k);
             let mut matrix = Matrix4::from_diagonal(&(rule.beta * (h * h)));
             for (i, c) in measured(&drives) {
-                let (gear, [mass, friction]) = (&gears[i], slopes[c]);
+                let (gear, [mass, friction, stiffness]) = (&gears[i], slopes[c]);
                 for j in 0..arms {
-                    matrix[(i, j)] += gear.compliance * (mass[j] + rule.gamma[j] * h * friction[j]);
+                    let further = rule.gamma[j] * h * friction[j] + rule.beta[j] * h * h * stiffness[j];
+                    matrix[(i, j)] += gear.compliance * (mass[j] + further);
                 }
                 matrix[(i, i)] += gear.compliance * (rule.gamma[i] * h * gear.damping - gear.rotor_inertia);
             }
@@ -348,7 +349,6 @@ impl<'a> Passage<'a> {
         let inverse = slopes.iter().enumerate().map(inverse).collect();
         let arms = Arms { plant, gears, dataset, own: &own, encoders: &joints.encoders, rule };
         let starts = dataset.segments.iter().map(|s| arms.started(s)).collect::<Result<_, KinematicsError>>()?;
-        let rule = arms.rule;
         Ok(Self { dataset, joints, gears, drives, slopes: slopes.concat(), rule, starts, inverse })
     }
 
@@ -390,12 +390,14 @@ impl<'a> Passage<'a> {
             let mut right = self.source(column, k, own) - free.angle;
             for (i, c) in measured(&self.drives) {
                 let gear = &self.gears[i];
-                right[i] -= gear.compliance * (slopes[c][1].dot(&free.rate) + gear.damping * free.rate[i]);
+                let resisting = slopes[c][1].dot(&free.rate) + slopes[c][2].dot(&free.angle);
+                right[i] -= gear.compliance * (resisting + gear.damping * free.rate[i]);
             }
             s = s.after(h, &self.rule, self.inverse[k] * right);
             for (c, series) in column.iter_mut().enumerate() {
                 let direct = if own.is_some() { 0.0 } else { series[k] };
-                series[k] = direct - slopes[c][0].dot(&s.acceleration) - slopes[c][1].dot(&s.rate);
+                let [mass, friction, stiffness] = &slopes[c];
+                series[k] = direct - mass.dot(&s.acceleration) - friction.dot(&s.rate) - stiffness.dot(&s.angle);
             }
             for (i, c) in measured(&self.drives) {
                 column[c][k] += self.gears[i].rotor_inertia * s.acceleration[i];
