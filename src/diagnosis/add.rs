@@ -3,7 +3,7 @@
 use super::budget::{self, Budget, Change};
 use super::fitting::{Fitting, Options};
 use super::judge::{Judge, Judged};
-use super::search::with_effects;
+use super::search::begun_with;
 use super::{DiagnosisError, check, missing, problem};
 use crate::dynamics::in_configuration;
 use crate::effects;
@@ -80,7 +80,7 @@ pub fn add_with(
     let problem = fitting.problem(&before.fit, &candidates, problem::Edges::Together, &mut |_| {})?;
     let ranking = evidence::evaluate(&problem, &[], &evidence::Settings::default())?;
     let chosen = Chosen { candidate: 0, variant: ranking.of(0).map_or(0, |a| a.variant) };
-    let with = with_effects(&before.fit.model, &candidates, &[chosen], Some(&ranking));
+    let with = begun_with(&fitting, [&before.fit.model, model], &candidates, &[chosen], Some(&ranking))?;
     fitting.go_on()?;
     let Judged { mut fit, residuals } = judge.fit(&with)?;
     fitting.go_on()?;

@@ -14,7 +14,7 @@ mod standing;
 
 use std::cell::OnceCell;
 
-pub(super) use models::{with_effects, without_effects};
+pub(super) use models::{begun_with, with_effects, without_effects};
 
 use super::judge::{Judge, Judged, MIN_RELEVANCE, relative_energy, relevance};
 use super::problem::Edges;
@@ -24,6 +24,7 @@ use crate::effects::{ActiveEffect, Role};
 use crate::evidence::{self, Chosen, Outcome, Pair, Problem, Ranking, Refit, Settings};
 use crate::gate::carries_weight_alone;
 use crate::identification::fit::{Fit, FitError, is_nonlinear};
+use crate::model::Model;
 use fits::Fits;
 use lag::{DELAY, Lag};
 use standing::Standing;
@@ -447,8 +448,18 @@ impl<'a> Search<'a> {
     }
 
     fn refit(&self, chosen: &[Chosen], ranking: Option<&Ranking>) -> Result<Judged, FitError> {
-        let make = || self.judge.fit(&with_effects(&self.start.fit.model, self.candidates, chosen, ranking));
-        self.fits.of(chosen, make)
+        self.fits.of(chosen, || {
+            let models = [&self.start.fit.model, &self.stated_model()];
+            self.judge.fit(&begun_with(self.judge.fitting, models, self.candidates, chosen, ranking)?)
+        })
+    }
+
+    /// The model as stated, with the effects that the start has in addition.
+    fn stated_model(&self) -> Model {
+        let mut model = self.judge.stated.clone();
+        let own = |a: &ActiveEffect| self.judge.stated.effects.iter().any(|b| b.effect.name() == a.effect.name());
+        model.effects.extend(self.start.fit.model.effects.iter().filter(|a| !own(a)).cloned());
+        model
     }
 
     /// The problem linearised at the parameters fitted with the chosen effects; their linear contribution is added

@@ -3,11 +3,10 @@
 use std::cell::OnceCell;
 
 use super::standing::Standing;
-use super::{Refitted, Search, Selection, with_effects};
+use super::{Refitted, Search, Selection, begun_with};
 use crate::diagnosis::DiagnosisError;
 use crate::diagnosis::judge::{Judged, relative_energy};
 use crate::diagnosis::progress::Progress;
-use crate::effects::ActiveEffect;
 use crate::evidence::{self, Chosen, Pair, Ranking};
 use crate::identification::fit::FitError;
 
@@ -101,10 +100,9 @@ impl Search<'_> {
     /// The fit with a pair of effects. It begins at the model as stated: without them the parameters imitate both, and may
     /// lie at edges of the possible.
     fn fitted_together(&self, pair: &[Chosen]) -> Result<Judged, FitError> {
-        let mut model = self.judge.stated.clone();
-        let own = |a: &ActiveEffect| self.judge.stated.effects.iter().any(|b| b.effect.name() == a.effect.name());
-        model.effects.extend(self.start.fit.model.effects.iter().filter(|a| !own(a)).cloned());
-        self.fits.of(pair, || self.judge.fit(&with_effects(&model, self.candidates, pair, None)))
+        let model = self.stated_model();
+        let make = || self.judge.fit(&begun_with(self.judge.fitting, [&model; 2], self.candidates, pair, None)?);
+        self.fits.of(pair, make)
     }
 
     /// Nothing is known of pairs with another starting model.

@@ -57,12 +57,9 @@ impl Search<'_> {
         let [finding] = &standing.outcome.findings[..] else { return Vec::new() };
         let Some(all) = self.all.as_ref().filter(|_| standing.not_tried.is_empty()) else { return Vec::new() };
         let is = |a: &&Assessment, c: &Chosen| a.candidate == c.candidate;
-        let (stated, linearised) = (all.confidence_set(), finding.ranking.confidence_set());
-        if !stated.iter().any(|a| is(a, &finding.chosen)) {
-            return Vec::new();
-        }
+        let linearised = finding.ranking.confidence_set();
         let chosen = |a: &&Assessment| Chosen { candidate: a.candidate, variant: a.variant };
-        let open = stated.into_iter().filter(|a| !self.is_in_model(&a.name)).map(|a| chosen(&a));
+        let open = all.confidence_set().into_iter().filter(|a| !self.is_in_model(&a.name)).map(|a| chosen(&a));
         open.filter(|c| *c != finding.chosen && !linearised.iter().any(|a| is(a, c))).take(FITTED).collect()
     }
 }
