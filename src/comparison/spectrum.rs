@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use crate::numerics::fourier;
+
 /// Least number of samples for a spectrum.
 const MIN_SAMPLES: usize = 1000;
 /// Number of spectral lines on either side that belong to a peak.
@@ -26,10 +28,7 @@ pub fn spectrum(series: &[f64], segments: &[Range<usize>], dt: f64) -> Option<Sp
     }
     let mean = x.iter().sum::<f64>() / n as f64;
     x.iter_mut().for_each(|v| *v -= mean);
-    let fft = realfft::RealFftPlanner::<f64>::new().plan_fft_forward(n);
-    let mut lines = fft.make_output_vec();
-    fft.process(&mut x, &mut lines).ok()?;
-    let power: Vec<f64> = lines.iter().map(|z| z.norm_sqr()).collect();
+    let power = fourier::power(x);
     let total: f64 = power.iter().sum();
     let mut sorted = power.clone();
     let middle = sorted.len() / 2;

@@ -3,8 +3,6 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use super::answer::Verdict;
 use super::conclusion::Conclusion;
 use super::fitting::Fitting;
@@ -20,6 +18,7 @@ use crate::excitation::prospect::{
 use crate::identification::Dataset;
 use crate::identification::dataset::stride_for;
 use crate::model::Model;
+use crate::numerics::parallel;
 
 /// A proposed experiment.
 #[derive(Clone, Debug)]
@@ -81,8 +80,8 @@ impl Open<'_> {
         let (alike, pairs): (Vec<_>, Vec<_>) = pairs.into_iter().partition(|both| both.iter().any(hopeless));
         let comparisons = if pairs.is_empty() { alike.concat() } else { pairs.concat() };
         let name = |i: usize| rivals[i].effect.name();
-        let promises: Vec<_> = plans.par_iter().map(|p| (p.experiment.clone(), p.of(&comparisons, rivals))).collect();
-        let ranked = ranked(promises.into_iter());
+        let promise = |i: usize| (plans[i].experiment.clone(), plans[i].of(&comparisons, rivals));
+        let ranked = ranked(parallel::map(plans.len(), promise).into_iter());
         let (experiment, promise) = ranked.first()?;
         let others: Vec<&str> = pairs.iter().map(|both| name(both[0].1.unwrap_or(0))).collect();
         let what = match others.is_empty() {
@@ -111,12 +110,13 @@ impl Open<'_> {
     /// does.
     pub fn see(&self, unseen: &[ActiveEffect]) -> Option<NextExperiment> {
         let plans = self.plans(unseen);
-        let shown = |plan: &Plan| -> Vec<(usize, Prospect)> {
-            let one = |a: usize| (a, plan.of(&[(a, None)], unseen));
-            (0..unseen.len()).map(one).filter(|(_, p)| p.chance >= SURE).collect()
+        let shown = |i: usize| -> (Experiment, Vec<(usize, Prospect)>) {
+            let one = |a: usize| (a, plans[i].of(&[(a, None)], unseen));
+            let shown = (0..unseen.len()).map(one).filter(|(_, p)| p.chance >= SURE).collect();
+            (plans[i].experiment.clone(), shown)
         };
-        let mut all: Vec<(Experiment, Vec<(usize, Prospect)>)> =
-            plans.par_iter().map(|p| (p.experiment.clone(), shown(p))).filter(|(_, s)| !s.is_empty()).collect();
+        let mut all = parallel::map(plans.len(), shown);
+        all.retain(|(_, shown)| !shown.is_empty());
         // Time per effect revealed.
         let cost = |(e, shown): &(Experiment, Vec<(usize, Prospect)>)| {
             (HANDLING + e.kind.preparation() + e.length) / shown.len() as f64
@@ -148,11 +148,13 @@ impl Open<'_> {
         }
         let (model, setup, datasets) = (self.model, first.setup, self.datasets);
         let bench = Bench { model, setup, channels, noise: &noise, datasets, seed: SEED };
-        let plan = |experiment: Experiment| {
-            let own = Information::along(model, self.fixed, effects, &experiment.dataset, &noise).ok()?;
-            Some(Plan { experiment, own, present: present.clone(), blocks: self.blocks })
+        let catalogue = bench.catalogue();
+        let own = |i: usize| Information::along(model, self.fixed, effects, &catalogue[i].dataset, &noise).ok();
+        let own = parallel::map(catalogue.len(), own);
+        let plan = |(experiment, own): (Experiment, Option<Information>)| {
+            Some(Plan { experiment, own: own?, present: present.clone(), blocks: self.blocks })
         };
-        bench.catalogue().into_par_iter().filter_map(plan).collect()
+        catalogue.into_iter().zip(own).filter_map(plan).collect()
     }
 
     /// Equally spaced windows of an averaged dataset, and the ratio of the whole to the sampled part.

@@ -8,7 +8,6 @@
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
 
 use super::base_fit::BaseFit;
 use super::describe::{Entry, searched};
@@ -20,6 +19,7 @@ use super::ranking::{Assessment, Ranking};
 use super::score::{Scores, block_grams, obvious};
 use super::special::ln_chi2_tail;
 use super::{Error, sign_flips};
+use crate::numerics::parallel;
 
 /// Largest number of rivals taken as the truth.
 const RIVALS: usize = 8;
@@ -78,10 +78,9 @@ pub fn confusion(
     let truths = first.iter().map(|&i| Some(ranking.candidates[i].candidate)).chain([None]).collect();
     let counts = (0..=first.len())
         .map(|truth| {
-            let said = |run: usize| drawn.said(truth, settings.seed.wrapping_add((truth * runs + run) as u64));
-            let names: Vec<Option<usize>> = (0..runs).into_par_iter().map(said).collect();
+            let name = |run: usize| drawn.said(truth, settings.seed.wrapping_add((truth * runs + run) as u64));
             let mut counts = vec![0; first.len() + 1];
-            for name in names {
+            for name in parallel::map(runs, name) {
                 counts[name.filter(|i| *i < first.len()).unwrap_or(first.len())] += 1;
             }
             counts

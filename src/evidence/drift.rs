@@ -11,12 +11,11 @@
 use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 use super::dot;
 use super::noise::NORMAL_QUARTILE;
 use super::project::pseudo_inverse;
-use crate::numerics::median;
+use crate::numerics::{median, parallel};
 
 /// Number of cosines, without the constant, from which λ is estimated: up to 0.13 Hz in 20 s, hardly faster than
 /// motions.
@@ -76,13 +75,14 @@ impl<'a> Noise<'a> {
     /// least their median drift intensity, because a candidate that fits one channel's drift removes it from that
     /// channel only.
     pub fn of(left: &[f64], samples: usize, segments: &'a [Range<usize>], alike: usize) -> Self {
-        let all = |s: &Range<usize>| -> Vec<Vec<f64>> {
+        let all = |i: usize| -> Vec<Vec<f64>> {
+            let s = &segments[i];
             let last = if s.len() > 4 * COSINES { MAX_COSINES.min(s.len() / 4) + 1 } else { 0 };
             (0..last).map(|k| cosine(s.len(), k)).collect()
         };
-        let cosines: Vec<Vec<Vec<f64>>> = segments.par_iter().map(all).collect();
-        let mut channels: Vec<Walk> =
-            left.par_chunks(samples.max(1)).map(|c| Walk::new(c, segments, &cosines)).collect();
+        let cosines = parallel::map(segments.len(), all);
+        let parts: Vec<&[f64]> = left.chunks(samples.max(1)).collect();
+        let mut channels = parallel::map(parts.len(), |i| Walk::new(parts[i], segments, &cosines));
         let alike = alike.min(channels.len());
         let mut lambdas: Vec<f64> = channels[..alike].iter().map(|c| c.lambda).collect();
         lambdas.sort_by(f64::total_cmp);
@@ -123,10 +123,9 @@ impl<'a> Noise<'a> {
 
     /// Residual of a series after generalised least squares on `columns` with this noise.
     pub fn least_squares(&self, series: &[f64], columns: &[&[f64]]) -> Vec<f64> {
-        let white: Vec<Vec<f64>> = columns.par_iter().map(|c| self.whiten(c)).collect();
+        let white = parallel::map(columns.len(), |i| self.whiten(columns[i]));
         let target = self.whiten(series);
-        let rows: Vec<Vec<f64>> =
-            white.par_iter().map(|a| white.iter().map(|b| dot(a, b)).collect::<Vec<f64>>()).collect();
+        let rows: Vec<Vec<f64>> = parallel::map(white.len(), |i| white.iter().map(|b| dot(&white[i], b)).collect());
         let gram = DMatrix::from_fn(rows.len(), rows.len(), |i, j| rows[i][j]);
         let products = DVector::from_iterator(white.len(), white.iter().map(|column| dot(column, &target)));
         let coefficients = pseudo_inverse(&gram).0 * products;

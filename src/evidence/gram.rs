@@ -3,9 +3,9 @@
 use std::ops::Range;
 
 use nalgebra::DMatrix;
-use rayon::prelude::*;
 
 use super::whiten::ArFilter;
+use crate::numerics::parallel;
 
 /// Rows per tile; a tile of a hundred columns fits the second-level cache.
 const TILE: usize = 256;
@@ -71,7 +71,7 @@ impl Pass<'_> {
     /// Cross-products of every block, in order. One thread sums each block in a fixed order, so the result does not
     /// depend on the number of threads.
     pub fn run(&self, filters: &[ArFilter], samples: usize, blocks: &Blocks) -> Vec<BlockGram> {
-        blocks.par_iter().map(|b| self.block(filters, samples, b)).collect()
+        parallel::map(blocks.len(), |i| self.block(filters, samples, &blocks[i]))
     }
 
     fn block(&self, filters: &[ArFilter], samples: usize, block: &[Range<usize>]) -> BlockGram {

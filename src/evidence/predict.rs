@@ -3,9 +3,9 @@
 use std::ops::Range;
 
 use nalgebra::{DMatrix, DMatrixView};
-use rayon::prelude::*;
 
 use super::gram::{Blocks, dot};
+use crate::numerics::parallel;
 
 /// Rows per tile.
 const TILE: usize = 1024;
@@ -31,7 +31,8 @@ pub struct Effect {
 
 /// `y − Σ_i columns_i coefficients_i` in place, over all rows.
 pub fn subtract(series: &mut [f64], columns: &[&[f64]], coefficients: &[f64]) {
-    series.par_chunks_mut(4 * TILE).enumerate().for_each(|(k, part)| {
+    let mut parts: Vec<&mut [f64]> = series.chunks_mut(4 * TILE).collect();
+    parallel::each(&mut parts, |k, part| {
         let at = k * 4 * TILE;
         for (column, c) in columns.iter().zip(coefficients).filter(|(_, c)| **c != 0.0) {
             for (y, x) in part.iter_mut().zip(&column[at..]) {
@@ -53,10 +54,8 @@ pub fn effects(
     let imitation = DMatrix::from_fn(base.len(), contributions.len(), |i, j| contributions[j].imitation[i]);
     let tasks: Vec<(usize, &Vec<Range<usize>>)> =
         (0..channels).flat_map(|c| blocks.iter().map(move |b| (c, b))).collect();
-    let sums: Vec<Vec<[f64; 2]>> = tasks
-        .par_iter()
-        .map(|&(c, block)| one_block(base, residual, contributions, &imitation, c * samples, block))
-        .collect();
+    let sum = |i: usize| one_block(base, residual, contributions, &imitation, tasks[i].0 * samples, tasks[i].1);
+    let sums = parallel::map(tasks.len(), sum);
     let zero = Effect { energy: vec![0.0; channels], product: vec![0.0; channels] };
     let mut out = vec![zero; contributions.len()];
     for ((c, _), sums) in tasks.iter().zip(sums) {

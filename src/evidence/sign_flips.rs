@@ -3,10 +3,10 @@
 use nalgebra::DMatrix;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
 
 use super::problem::Settings;
 use super::score::tail;
+use crate::numerics::parallel;
 
 /// Draws per batch.
 const BATCH: usize = 128;
@@ -47,12 +47,14 @@ fn smallest_p(scores: &[&DMatrix<f64>], blocks: usize, flips: usize, seed: u64) 
     }
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let signs: Vec<f64> = (0..flips * blocks).map(|_| if rng.random::<bool>() { 1.0 } else { -1.0 }).collect();
-    let batch = |signs: &[f64]| -> Vec<f64> {
+    let batches: Vec<&[f64]> = signs.chunks((BATCH * blocks).max(1)).collect();
+    let batch = |i: usize| -> Vec<f64> {
+        let signs = batches[i];
         let draws = signs.len() / blocks.max(1);
         let sums = &stacked * DMatrix::from_column_slice(blocks, draws, signs);
         sums.column_iter().map(|sum| smallest(&order, sum.as_slice(), blocks)).collect()
     };
-    signs.par_chunks((BATCH * blocks).max(1)).map(batch).collect::<Vec<_>>().concat()
+    parallel::map(batches.len(), batch).concat()
 }
 
 /// The smallest p given the sums of the signed scores.

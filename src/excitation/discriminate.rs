@@ -5,7 +5,6 @@
 //! current instant (delay, elastic gears, internal states), the best of several random series is used instead.
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 use thiserror::Error;
 
 use super::experiments::{Bench, Experiment, Kind};
@@ -19,6 +18,7 @@ use crate::evidence::separation::what_is_left;
 use crate::kinematics::KinematicsError;
 use crate::machine::Setup;
 use crate::model::Model;
+use crate::numerics::parallel;
 use crate::recording::Channel;
 use crate::scenario::Course;
 
@@ -102,13 +102,13 @@ pub fn discriminate(
     let designed = series.iter().filter_map(|course| bench.plan(Kind::Designed, what.into(), course));
     let length = options.periods as f64 / options.frequency;
     plans.extend(designed.map(|e| Experiment { weight: e.weight * length / e.length, length, ..e }));
-    let promises = plans.into_par_iter().map(|experiment| {
-        let own = Information::along(&base, &[], &pair, &experiment.dataset, &noise)?;
-        let promise = prospect(&which(2), &pair, None, (&own, &experiment), BLOCKS);
-        Ok((experiment, promise))
-    });
-    let promises: Vec<(Experiment, Prospect)> = promises.collect::<Result<_, KinematicsError>>()?;
-    let mut plans = ranked(promises.into_iter());
+    let promise = |i: usize| {
+        let own = Information::along(&base, &[], &pair, &plans[i].dataset, &noise)?;
+        Ok(prospect(&which(2), &pair, None, (&own, &plans[i]), BLOCKS))
+    };
+    let promises: Vec<Prospect> =
+        parallel::map(plans.len(), promise).into_iter().collect::<Result<_, KinematicsError>>()?;
+    let mut plans = ranked(plans.into_iter().zip(promises));
     // Only the best plan of each kind and description.
     let mut seen: Vec<(Kind, String)> = Vec::new();
     plans.retain(|(e, _)| {
@@ -168,13 +168,11 @@ fn searched(
     let fine = Basis::new(options.frequency, options.harmonics, FINER * instants);
     let scale = scale(base, options);
     let search = Search { machine: &soft, basis: &basis, objective: &objective, scale: &scale };
-    let found: Vec<Found> = (0..options.starts.max(1) as u64)
-        .into_par_iter()
-        .filter_map(|k| {
-            let start = shrunk(&exact, &basis, &draw(base, &exact, &limits, options, k), SHRINK)?.0;
-            Some(search.run(&basis.vector(&start), options.iterations, go_on))
-        })
-        .collect();
+    let one = |k: usize| {
+        let start = shrunk(&exact, &basis, &draw(base, &exact, &limits, options, k as u64), SHRINK)?.0;
+        Some(search.run(&basis.vector(&start), options.iterations, go_on))
+    };
+    let found: Vec<Found> = parallel::map(options.starts.max(1), one).into_iter().flatten().collect();
     let best = found.iter().min_by(|a, b| a.value.total_cmp(&b.value))?;
     let (motion, samples, _) = shrunk(&exact, &fine, &basis.motion(best.x.as_deref()?), TRIM)?;
     worst(&samples).iter().all(|w| *w <= 1.0).then_some(Course::Fourier(motion))

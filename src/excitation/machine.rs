@@ -2,7 +2,6 @@
 //! acceleration.
 
 use nalgebra::DMatrix;
-use rayon::prelude::*;
 
 use super::limits::{LIMITS, Limits};
 use super::series::{Basis, INPUTS, moved};
@@ -13,6 +12,7 @@ use crate::identification::{Dataset, columns};
 use crate::kinematics::{JointState, KinematicsError, PlatformState};
 use crate::machine::{PerAxis, Setup, every_axis};
 use crate::model::Model;
+use crate::numerics::parallel;
 use crate::recording::Channel;
 
 /// Steps of the finite differences by position (m, rad), velocity and acceleration.
@@ -196,7 +196,7 @@ impl Machine {
 
     /// Samples at all instants of the motion `x`; `None` if a pose is unreachable.
     pub fn samples(&self, basis: &Basis, x: &[f64]) -> Option<Vec<Sample>> {
-        (0..basis.len()).into_par_iter().map(|k| self.sample(&basis.state(k, x)).ok()).collect()
+        parallel::map(basis.len(), |k| self.sample(&basis.state(k, x)).ok()).into_iter().collect()
     }
 
     /// Derivatives at every instant of the motion `x`, with `weights[k]` the derivative of the objective with respect
@@ -230,7 +230,7 @@ impl Machine {
             }
             Some(slopes)
         };
-        (0..basis.len()).into_par_iter().map(at).collect()
+        parallel::map(basis.len(), at).into_iter().collect()
     }
 }
 

@@ -26,12 +26,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use nalgebra::DMatrix;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
-use rayon::prelude::*;
 use thiserror::Error;
 
 use crate::dynamics::PlantParameter;
 use crate::identification::base_parameters;
 use crate::model::Model;
+use crate::numerics::parallel;
 use crate::scenario::{FourierMotion, MotionLimits};
 use limits::{KINDS, LIMITS};
 use machine::{Machine, Sample, information, worst};
@@ -123,7 +123,7 @@ const PER_HARMONIC: usize = 60;
 const FEWEST_INSTANTS: usize = 180;
 const FINER: usize = 10;
 /// Rich random motions that determine the base parameters: number, base frequency in Hz, number of harmonics.
-const RICH: (u64, f64, usize) = (3, 0.3, 10);
+const RICH: (usize, f64, usize) = (3, 0.3, 10);
 /// Information of the whole run (1/variance in units of the own size) below which a column is dropped.
 const MIN_INFORMATION: f64 = 1e-2;
 /// Reduction factors per trial of the amplitude of a random and of the designed motion, and largest number of trials.
@@ -151,23 +151,21 @@ pub fn design(model: &Model, options: &Options, go_on: &(dyn Fn() -> bool + Sync
     let merit = |samples: &[Sample]| Merit::of(&information(samples), exact.sizes());
 
     let has_one = AtomicBool::new(false);
-    let drawn: Vec<Option<Drawn>> = (0..options.randoms.max(options.starts).max(1) as u64)
-        .into_par_iter()
-        .map(|k| {
-            // With the time over, one motion is enough.
-            if has_one.load(Ordering::Relaxed) && !go_on() {
-                return None;
-            }
-            let motion = draw(model, &exact, &limits, options, k);
-            // The draw respects all limits except a hemisphere.
-            let own = if limits.hemisphere.is_some() { shrunk(&exact, &basis, &motion, SHRINK)?.0 } else { motion };
-            let merit = merit(&exact.samples(&fine, &basis.vector(&own))?);
-            let start = shrunk(&exact, &basis, &own, SHRINK)?.0;
-            let value = options.objective.value(&information(&soft.samples(&basis, &basis.vector(&start))?))?.0;
-            has_one.store(true, Ordering::Relaxed);
-            Some(Drawn { merit, start, value })
-        })
-        .collect();
+    let one = |k: usize| {
+        // With the time over, one motion is enough.
+        if has_one.load(Ordering::Relaxed) && !go_on() {
+            return None;
+        }
+        let motion = draw(model, &exact, &limits, options, k as u64);
+        // The draw respects all limits except a hemisphere.
+        let own = if limits.hemisphere.is_some() { shrunk(&exact, &basis, &motion, SHRINK)?.0 } else { motion };
+        let merit = merit(&exact.samples(&fine, &basis.vector(&own))?);
+        let start = shrunk(&exact, &basis, &own, SHRINK)?.0;
+        let value = options.objective.value(&information(&soft.samples(&basis, &basis.vector(&start))?))?.0;
+        has_one.store(true, Ordering::Relaxed);
+        Some(Drawn { merit, start, value })
+    };
+    let drawn = parallel::map(options.randoms.max(options.starts).max(1), one);
     let drawn: Vec<Drawn> = drawn.into_iter().flatten().collect();
     let mut order: Vec<usize> = (0..drawn.len()).collect();
     order.sort_by(|&a, &b| drawn[a].value.total_cmp(&drawn[b].value));
@@ -176,10 +174,8 @@ pub fn design(model: &Model, options: &Options, go_on: &(dyn Fn() -> bool + Sync
     let scale = scale(model, options);
     let objective = |information: &DMatrix<f64>| options.objective.value(information);
     let search = Search { machine: &soft, basis: &basis, objective: &objective, scale: &scale };
-    let found: Vec<search::Found> = order[..options.starts.min(order.len())]
-        .par_iter()
-        .map(|&k| search.run(&basis.vector(&drawn[k].start), options.iterations, go_on))
-        .collect();
+    let improved = |i: usize| search.run(&basis.vector(&drawn[order[i]].start), options.iterations, go_on);
+    let found: Vec<search::Found> = parallel::map(options.starts.min(order.len()), improved);
     let best = found.iter().min_by(|a, b| a.value.total_cmp(&b.value)).and_then(|f| f.x.as_deref());
     let motion = best.map_or_else(|| drawn[first].start.clone(), |x| basis.motion(x));
     let fitted = shrunk(&exact, &fine, &motion, TRIM).or_else(|| shrunk(&exact, &fine, &drawn[first].start, TRIM));
@@ -250,16 +246,13 @@ fn base_columns(model: &Model, limits: Limits, options: &Options, run: f64) -> R
     let machine = Machine::new(model, limits, false);
     let (number, frequency, harmonics) = RICH;
     let basis = Basis::new(frequency, harmonics, 3 * PER_HARMONIC * harmonics);
-    let parts: Vec<Option<DMatrix<f64>>> = (0..number)
-        .into_par_iter()
-        .map(|k| {
-            let rich = Options { frequency, harmonics, seed: options.seed ^ 0x5eed, ..options.clone() };
-            let motion = draw(model, &machine, &limits, &rich, k);
-            let (.., samples, _) = shrunk(&machine, &basis, &motion, SHRINK)?;
-            Some(information(&samples))
-        })
-        .collect();
-    let parts: Vec<DMatrix<f64>> = parts.into_iter().flatten().collect();
+    let part = |k: usize| {
+        let rich = Options { frequency, harmonics, seed: options.seed ^ 0x5eed, ..options.clone() };
+        let motion = draw(model, &machine, &limits, &rich, k as u64);
+        let (.., samples, _) = shrunk(&machine, &basis, &motion, SHRINK)?;
+        Some(information(&samples))
+    };
+    let parts: Vec<DMatrix<f64>> = parallel::map(number, part).into_iter().flatten().collect();
     let count = parts.len() as f64;
     let sum = parts.into_iter().reduce(|a, b| a + b).ok_or(ExcitationError::NoMotion)?;
     let columns = base_parameters::independent(&(sum * (run / count)), MIN_INFORMATION);

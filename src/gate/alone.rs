@@ -11,7 +11,7 @@ use crate::identification::least_squares::least_squares;
 use crate::identification::residuals::rms;
 use crate::machine::{Joint, Mechanism};
 use crate::model::Model;
-use crate::numerics::deviation;
+use crate::numerics::{deviation, fourier, median};
 use crate::recording::{Channel, Recording};
 use crate::text::significant;
 
@@ -316,15 +316,12 @@ impl Alone<'_> {
         // A Hann window keeps the slow motion out of the top of the spectrum.
         let window = |k: usize| 0.5 - 0.5 * (std::f64::consts::TAU * k as f64 / n as f64).cos();
         x.iter_mut().enumerate().for_each(|(k, v)| *v = (*v - mean) * window(k));
-        let fft = realfft::RealFftPlanner::<f64>::new().plan_fft_forward(n);
-        let mut lines = fft.make_output_vec();
-        fft.process(&mut x, &mut lines).ok()?;
-        let power: Vec<f64> = lines.iter().map(|z| z.norm_sqr()).collect();
+        let power = fourier::power(x);
         let total: f64 = power.iter().sum();
         let first = (LINE.2 * power.len() as f64) as usize;
         let top = &power[first..];
         let highest = (0..top.len()).max_by(|&a, &b| top[a].total_cmp(&top[b]))?;
-        let median = crate::numerics::median(top.iter().copied());
+        let median = median(top.iter().copied());
         let line: f64 = top[highest.saturating_sub(2)..(highest + 3).min(top.len())].iter().sum();
         let clear = top[highest] > LINE.0 * median && line > LINE.1 * total;
         clear.then(|| {

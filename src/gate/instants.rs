@@ -3,7 +3,6 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use nalgebra::Vector3;
-use rayon::prelude::*;
 
 use crate::dynamics::{Output, Plant, inverse_dynamics};
 use crate::effects::Kind;
@@ -14,6 +13,7 @@ use crate::kinematics::{JointState, KinematicsError};
 use crate::machine::Inertia;
 use crate::machine::bodies::END_EFFECTOR;
 use crate::model::Model;
+use crate::numerics::parallel;
 use crate::recording::Channel;
 
 /// Largest lag considered, s.
@@ -121,20 +121,18 @@ impl Predicted {
         let struts = channels.iter().any(|c| c.drive().is_none());
         let states: Vec<&[f64]> = plant.effects.iter().map(|_| &[][..]).collect();
         let lawless = AtomicBool::new(false);
-        let outputs: Vec<Option<Output>> = joints
-            .par_iter()
-            .map(|j| {
-                let motion = plant.motion(j).ok()?;
-                match inverse_dynamics(plant, t, &motion, &states, struts) {
-                    Ok(out) if channels.iter().all(|c| out.of(*c).is_finite()) => Some(out),
-                    Ok(_) | Err(KinematicsError::Law(_)) => {
-                        lawless.store(true, Ordering::Relaxed);
-                        None
-                    }
-                    Err(_) => None,
+        let output = |i: usize| {
+            let motion = plant.motion(&joints[i]).ok()?;
+            match inverse_dynamics(plant, t, &motion, &states, struts) {
+                Ok(out) if channels.iter().all(|c| out.of(*c).is_finite()) => Some(out),
+                Ok(_) | Err(KinematicsError::Law(_)) => {
+                    lawless.store(true, Ordering::Relaxed);
+                    None
                 }
-            })
-            .collect();
+                Err(_) => None,
+            }
+        };
+        let outputs: Vec<Option<Output>> = parallel::map(joints.len(), output);
         let series = |c: &Channel| outputs.iter().flatten().map(|o| o.of(*c)).collect();
         Self {
             series: channels.iter().map(series).collect(),

@@ -8,7 +8,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::dataset::stride_for;
-use crate::numerics::median;
+use crate::numerics::{fourier, median};
 
 /// Least number of periods within the travel.
 pub const LEAST_PERIODS: f64 = 3.0;
@@ -120,14 +120,12 @@ impl OverAngle {
         let bins = ((self.travel * self.highest * BINS / std::f64::consts::TAU) as usize).clamp(16, MOST_BINS);
         // Twice the travel: four values per line.
         let length = 4 * bins;
-        let fft = realfft::RealFftPlanner::<f64>::new().plan_fft_forward(length);
-        let (mut input, mut output) = (fft.make_input_vec(), fft.make_output_vec());
+        let mut input = vec![0.0; length];
         let scale = (bins - 1) as f64 / self.travel;
         for (angle, r) in self.angle.iter().zip(series) {
             input[(angle * scale).round() as usize] += r;
         }
-        fft.process(&mut input, &mut output).ok()?;
-        let power: Vec<f64> = output.iter().map(|z| z.norm_sqr()).collect();
+        let power = fourier::power(input);
         // Order of value k of the spectrum.
         let step = std::f64::consts::TAU * scale / length as f64;
         let first = (LEAST_PERIODS * self.width() / step).ceil() as usize;

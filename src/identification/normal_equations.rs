@@ -7,7 +7,6 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 use super::dataset::stride_for;
 use super::fit::{FitError, kinematics};
@@ -16,6 +15,7 @@ use super::residuals::difference;
 use super::{Dataset, Residuals};
 use crate::dynamics::Plant;
 use crate::model::Model;
+use crate::numerics::parallel;
 use crate::recording::Series;
 
 /// Blocks of time per recording: sufficient for the scatter of more parameters than any model has.
@@ -104,16 +104,14 @@ impl NormalEquations {
         let window = if is_local(plant) { length * (chunk(plant) / length).max(1) } else { dataset.len().max(1) };
         let starts: Vec<usize> = (0..dataset.len()).step_by(window).collect();
         let rows = Rows { length, stride: self.stride, sigma, free, weight };
-        let parts: Vec<Part> = starts
-            .into_par_iter()
-            .map(|start| {
-                let range = start..(start + window).min(dataset.len());
-                part(plant, dataset, range, rows, &known)
-            })
-            .collect::<Result<_, _>>()?;
+        let parts = parallel::map(starts.len(), |i| {
+            let range = starts[i]..(starts[i] + window).min(dataset.len());
+            part(plant, dataset, range, rows, &known)
+        });
         let mut residuals: Channels = dataset.channels.iter().map(|_| Vec::with_capacity(dataset.len())).collect();
         let mut blocks = Vec::new();
         for part in parts {
+            let part = part?;
             blocks.extend(part.blocks);
             self.rows.extend(part.rows);
             for (all, part) in residuals.iter_mut().zip(part.residual) {

@@ -16,14 +16,13 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::OnceLock;
 
-use rayon::prelude::*;
-
 use self::states::InternalStates;
 use super::Dataset;
 use crate::dynamics::{LoadCourse, Output, Plant, inverse_dynamics, reads_loads};
 use crate::effects::{ActiveEffect, GearSpring, Kind};
 use crate::kinematics::{JointState, KinematicsError, Motion};
 use crate::machine::PerAxis;
+use crate::numerics::parallel;
 use crate::recording::Channel;
 use crate::recording::Signals;
 
@@ -153,23 +152,20 @@ pub fn predict_knowing(plant: &Plant, dataset: &Dataset, known: &Laws) -> Result
         return predict_along(plant, dataset, &joints.knowing(known));
     }
     let starts: Vec<usize> = (0..dataset.len()).step_by(chunk).collect();
-    let pieces: Vec<Channels> = starts
-        .into_par_iter()
-        .map(|start| {
-            let range = start..(start + chunk).min(dataset.len());
-            let (around, shift) = surroundings(plant, dataset, &range);
-            let first = range.start - shift;
-            let piece = joints(plant, &around).and_then(|joints| {
-                let known = known.from(first).completed(&around, &joints)?;
-                predict_along(plant, &around, &joints.knowing(known))
-            });
-            let mut piece = piece.map_err(|e| e.later(first))?;
-            piece.iter_mut().for_each(|series| *series = series[shift..shift + range.len()].to_vec());
-            Ok(piece)
-        })
-        .collect::<Vec<Result<_, KinematicsError>>>()
-        .into_iter()
-        .collect::<Result<_, _>>()?;
+    let piece = |i: usize| {
+        let range = starts[i]..(starts[i] + chunk).min(dataset.len());
+        let (around, shift) = surroundings(plant, dataset, &range);
+        let first = range.start - shift;
+        let piece = joints(plant, &around).and_then(|joints| {
+            let known = known.from(first).completed(&around, &joints)?;
+            predict_along(plant, &around, &joints.knowing(known))
+        });
+        let mut piece = piece.map_err(|e| e.later(first))?;
+        piece.iter_mut().for_each(|series| *series = series[shift..shift + range.len()].to_vec());
+        Ok(piece)
+    };
+    let pieces: Vec<Channels> =
+        parallel::map(starts.len(), piece).into_iter().collect::<Result<_, KinematicsError>>()?;
     let whole = |c: usize| pieces.iter().flat_map(|p| &p[c]).copied().collect();
     Ok((0..dataset.channels.len()).map(whole).collect())
 }
@@ -255,23 +251,29 @@ fn outputs(
     joints: &Joints,
     with_struts: bool,
 ) -> Result<Vec<Output>, KinematicsError> {
-    let along = |course: &[usize]| {
+    let along = |course: Range<usize>| {
         let (mut motion, mut loads) = (Motion::REST, LoadCourse::default());
-        let at = |&k: &usize| {
+        let at = |k: usize| {
             joints.set_motion(k, &mut motion)?;
             let out = loads.inverse_dynamics(plant, dataset.t[k], &motion, &own.at(k), with_struts);
             out.map_err(|e| e.at_sample(k))
         };
-        course.iter().map(at).collect::<Result<Vec<_>, _>>()
+        course.map(at).collect()
     };
-    let samples: Vec<usize> = (0..dataset.len()).collect();
-    // The error of the first failing sample, independent of the threads.
-    let courses: Vec<Result<Vec<Output>, KinematicsError>> = samples.par_chunks(COURSE).map(along).collect();
-    let mut outputs = Vec::with_capacity(dataset.len());
+    in_courses(dataset.len(), along)
+}
+
+/// What `along` gives for the samples 0 to n in courses of [`COURSE`] samples; the error of the first failing course.
+fn in_courses<T: Send + Sync>(
+    n: usize,
+    along: impl Fn(Range<usize>) -> Result<Vec<T>, KinematicsError> + Sync,
+) -> Result<Vec<T>, KinematicsError> {
+    let courses = parallel::map(n.div_ceil(COURSE), |i| along(i * COURSE..((i + 1) * COURSE).min(n)));
+    let mut all = Vec::with_capacity(n);
     for course in courses {
-        outputs.extend(course?);
+        all.extend(course?);
     }
-    Ok(outputs)
+    Ok(all)
 }
 
 /// Torques of the effects on the motor side at every sample: their contribution at the encoders' motion.
@@ -285,13 +287,17 @@ fn at_motors(
     let encoders = joints.of_encoders();
     let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
     let own = InternalStates::along(plant, &effects, dataset, &encoders)?;
-    let difference = |motion: &mut Motion, k: usize| {
-        encoders.set_motion(k, motion)?;
-        let with = inverse_dynamics(plant, dataset.t[k], motion, &own.at(k), false)?.tau;
-        let without = inverse_dynamics(behind, dataset.t[k], motion, &own_behind.at(k), false)?.tau;
-        Ok(std::array::from_fn(|i| with[i] - without[i]))
+    let along = |course: Range<usize>| {
+        let mut motion = Motion::REST;
+        let difference = |k: usize| {
+            encoders.set_motion(k, &mut motion)?;
+            let with = inverse_dynamics(plant, dataset.t[k], &motion, &own.at(k), false)?.tau;
+            let without = inverse_dynamics(behind, dataset.t[k], &motion, &own_behind.at(k), false)?.tau;
+            Ok(std::array::from_fn(|i| with[i] - without[i]))
+        };
+        course.map(difference).collect()
     };
-    (0..dataset.len()).into_par_iter().map_init(|| Motion::REST, difference).collect()
+    in_courses(dataset.len(), along)
 }
 
 /// Applies the plant's sensor effects to the torque channels.

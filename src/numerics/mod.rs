@@ -1,8 +1,10 @@
-//! Median and standard deviation of a series, bisection for the value at which a condition becomes false, fixed
-//! points, and the elementary functions of the twin's innermost loop.
+//! Median, standard deviation and spectrum of a series, bisection for the value at which a condition becomes false,
+//! fixed points, the elementary functions of the twin's innermost loop, and work on all cores.
 
 mod anderson;
 mod elementary;
+pub mod fourier;
+pub mod parallel;
 
 use std::convert::Infallible;
 

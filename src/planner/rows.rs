@@ -1,11 +1,10 @@
 //! Grid along a path, with the limits at its points as rows in z = ṡ² and s̈.
 
-use rayon::prelude::*;
-
 use super::coefficients::{Coefficients, Machine, Reference};
 use super::limits::{DYNAMIC, LOADS, Limits, QUANTITIES};
 use super::{Curve, PathPoint, PlanError};
 use crate::machine::{PerAxis, each, every_axis};
+use crate::numerics::parallel;
 
 /// ṡ at which force laws are linearised for rest, where friction vanishes, 1/s.
 const REST_SPEED: f64 = 1e-9;
@@ -113,7 +112,8 @@ impl Grid {
         self.quantities.truncate(kinematic);
         self.quantities.extend(loads.iter().map(|k| DYNAMIC + k));
         let ends = [&self.points[0], &self.points[self.points.len() - 1]].map(|x| x.point.s);
-        let update = |(grid_point, reference): (&mut GridPoint, &Reference)| {
+        let update = |i: usize, grid_point: &mut GridPoint| {
+            let reference = &references[i];
             let s = grid_point.point.s;
             let at = grid_point.point.r[0].into();
             let all = machine.coefficients(&grid_point.point, *reference).map_err(|e| PlanError::Place {
@@ -139,7 +139,7 @@ impl Grid {
             }
             Ok(())
         };
-        self.points.par_iter_mut().zip(references).try_for_each(update)
+        parallel::each(&mut self.points, update).into_iter().collect()
     }
 
     /// Number of intervals.

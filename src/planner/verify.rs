@@ -1,11 +1,9 @@
 //! Check of a motion against the full nonlinear model on a grid finer than that of the plan.
 
-use rayon::prelude::*;
-
 use super::limits::{DYNAMIC, Limit, Limits, QUANTITIES};
 use super::{Curve, Machine, PathPoint, PlaceError, PlanError, Profile};
 use crate::machine::{axes_from, every_axis};
-use crate::numerics::bisect;
+use crate::numerics::{bisect, parallel};
 
 /// Number of checked quantities: drive speeds, then as in [`Limit::affine`], then drive jerks.
 pub const CHECKED: usize = axes_from(JERK).end;
@@ -127,6 +125,6 @@ pub fn uses(
     let interval = |i: usize| -> Result<Vec<Use>, PlanError> {
         places(machine, curve, profile, i, points).into_iter().map(|sigma| one(i, sigma)).collect()
     };
-    let all: Vec<Vec<Use>> = (0..profile.pieces.len()).into_par_iter().map(interval).collect::<Result<_, _>>()?;
-    Ok(all.into_iter().flatten().collect())
+    let all: Vec<Vec<Use>> = parallel::map(profile.pieces.len(), interval).into_iter().collect::<Result<_, _>>()?;
+    Ok(all.concat())
 }

@@ -3,6 +3,7 @@
 use statrs::statistics::{Data, OrderStatistics};
 
 use crate::effects::formula::{Expression, Place, Variable};
+use crate::numerics::fourier;
 
 /// A group of terms that are added together, such as sine and cosine.
 #[derive(Clone, Debug)]
@@ -228,15 +229,13 @@ pub fn harmonic_disturbances(places: &[Place], residual: &[Vec<f64>], t: &[f64])
 fn power(series: &[f64], t: &[f64], step: f64) -> Vec<f64> {
     let place = |at: f64| ((at - t[0]) / step).round() as usize;
     let n = t.last().map_or(0, |last| place(*last) + 1);
-    let fft = realfft::RealFftPlanner::<f64>::new().plan_fft_forward(2 * n);
-    let (mut padded, mut spectrum) = (fft.make_input_vec(), fft.make_output_vec());
+    let mut padded = vec![0.0; 2 * n];
     for (x, at) in series.iter().zip(t) {
         padded[place(*at)] = *x;
     }
-    match fft.process(&mut padded, &mut spectrum) {
-        Ok(()) => spectrum[..n].iter().map(|z| z.norm_sqr()).collect(),
-        Err(_) => Vec::new(),
-    }
+    let mut power = fourier::power(padded);
+    power.truncate(n);
+    power
 }
 
 struct Builder<'a> {

@@ -6,13 +6,13 @@
 use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 use super::Sight;
 use super::library::{Atom, Number};
 use crate::effects::formula::{Expression, Variable};
 use crate::evidence::{Stop, dot};
 use crate::identification::dataset::stride_for;
+use crate::numerics::parallel;
 
 /// Number of instants for the screening of the library.
 const SCREENED: usize = 2500;
@@ -96,7 +96,7 @@ impl<'a> Ground<'a> {
             .iter()
             .map(|response| (0..channels).filter(|&c| response[c].iter().any(|x| x.abs() > 1e-12)).collect())
             .collect();
-        let basis = orthonormal(sight.base.par_iter().map(|column| gather(column)).collect());
+        let basis = orthonormal(parallel::map(sight.base.len(), |i| gather(&sight.base[i])));
         let mut residual = gather(&sight.residual);
         for q in &basis {
             let share = dot(q, &residual);
@@ -141,7 +141,7 @@ impl<'a> Ground<'a> {
         for (&c, part) in self.acting[place].iter().zip(column.chunks_exact(n)) {
             whole[c * n..(c + 1) * n].copy_from_slice(part);
         }
-        let shares: Vec<f64> = self.basis.par_iter().map(|q| self.product(place, column, q)).collect();
+        let shares = parallel::map(self.basis.len(), |i| self.product(place, column, &self.basis[i]));
         for (q, share) in self.basis.iter().zip(shares) {
             add(&mut whole, -share, q);
         }
@@ -203,7 +203,7 @@ impl<'a> Pursuit<'a> {
     pub fn new(atoms: &'a [Atom], find: (&'a Sight, Vec<usize>), judge: (&'a Sight, Vec<usize>)) -> Self {
         let few: Vec<usize> = find.1.iter().copied().step_by(stride_for(find.1.len(), SCREENED)).collect();
         let screen = Ground::new(find.0, few);
-        let screened = atoms.par_iter().filter_map(|atom| screened(&screen, atom)).collect();
+        let screened = parallel::map(atoms.len(), |i| screened(&screen, &atoms[i])).into_iter().flatten().collect();
         Self { screen, find: Ground::new(find.0, find.1), judge: Ground::new(judge.0, judge.1), screened }
     }
 
@@ -274,13 +274,11 @@ impl State {
     /// Adds the best law that the validation data confirm; false if there is none.
     fn step(&mut self, pursuit: &Pursuit, allowed: &(impl Fn(usize) -> bool + Sync)) -> bool {
         let ground = &pursuit.screen;
-        let mut order: Vec<(f64, usize)> = pursuit
-            .screened
-            .par_iter()
-            .enumerate()
-            .filter(|(_, s)| allowed(s.atom.place))
-            .map(|(i, s)| (self.screened_gain(ground, s), i))
-            .collect();
+        let gain = |i: usize| {
+            let screened = &pursuit.screened[i];
+            allowed(screened.atom.place).then(|| (self.screened_gain(ground, screened), i))
+        };
+        let mut order: Vec<(f64, usize)> = parallel::map(pursuit.screened.len(), gain).into_iter().flatten().collect();
         order.sort_by(|a, b| b.0.total_cmp(&a.0));
         let mut tried: Vec<&Atom> = Vec::new();
         for (_, i) in order.into_iter().take_while(|(gain, _)| *gain > 0.0) {
@@ -292,8 +290,8 @@ impl State {
                 tried.push(atom);
             }
         }
-        let refine = |atom: &&Atom| self.candidate(pursuit, atom, self.refined(ground, atom));
-        let mut refined: Vec<Candidate> = tried.par_iter().filter_map(refine).collect();
+        let refine = |i: usize| self.candidate(pursuit, tried[i], self.refined(ground, tried[i]));
+        let mut refined: Vec<Candidate> = parallel::map(tried.len(), refine).into_iter().flatten().collect();
         refined.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         // Among laws of nearly equal gain, the simplest first.
         if let Some(best) = refined.first().map(|r| r.gain) {

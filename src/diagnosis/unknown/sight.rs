@@ -3,8 +3,6 @@
 
 use std::sync::Arc;
 
-use rayon::prelude::*;
-
 use crate::dynamics::{Plant, steady_inverse_dynamics};
 use crate::effects::formula::{Expression, Formula, Place, Term, Variable};
 use crate::effects::{ActiveEffect, Instant};
@@ -14,6 +12,7 @@ use crate::identification::{Dataset, Residuals, columns};
 use crate::kinematics::KinematicsError;
 use crate::machine::Mechanism;
 use crate::model::Model;
+use crate::numerics::parallel;
 
 /// Interval between instants, s, which resolves torque ripple up to 250 Hz.
 const STEP: f64 = 2e-3;
@@ -146,6 +145,6 @@ fn variables(plant: &Plant, dataset: &Dataset) -> Result<Channels, KinematicsErr
         let at = Instant { reactions: &loads.reactions, torque: loads.tau, ..plant.instant(t, &motion, &[]) };
         Ok(all.iter().map(|variable| variable.read(&at)).collect())
     };
-    let rows: Vec<Vec<f64>> = (0..dataset.len()).into_par_iter().map(at).collect::<Result<_, KinematicsError>>()?;
+    let rows: Vec<Vec<f64>> = parallel::map(dataset.len(), at).into_iter().collect::<Result<_, KinematicsError>>()?;
     Ok((0..all.len()).map(|i| rows.iter().map(|row| row[i]).collect()).collect())
 }

@@ -13,8 +13,6 @@ mod laws;
 use std::borrow::Cow;
 use std::sync::OnceLock;
 
-use rayon::prelude::*;
-
 use self::differences::Differences;
 use self::laws::linear;
 pub(super) use self::laws::terms;
@@ -23,6 +21,7 @@ use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, Entry, Role};
 use crate::identification::Dataset;
 use crate::kinematics::KinematicsError;
+use crate::numerics::parallel;
 
 /// Number of effects whose columns at every sample are kept in memory at a time.
 const GROUP: usize = 8;
@@ -234,9 +233,10 @@ fn at_joints(
     let wholes: Vec<usize> = (0..wanted.len()).filter(|&i| is_whole(&wanted[i])).collect();
     if !wholes.is_empty() {
         let differences = Differences::new(dataset, moved, block)?;
-        let of = |&i: &usize| differences.columns(&wanted[i], &columns[i]);
-        let found: Vec<Vec<Channels>> = wholes.par_iter().map(of).collect::<Result<_, KinematicsError>>()?;
-        wholes.into_iter().zip(found).for_each(|(i, found)| columns[i] = found);
+        let found = parallel::map(wholes.len(), |k| differences.columns(&wanted[wholes[k]], &columns[wholes[k]]));
+        for (i, found) in wholes.into_iter().zip(found) {
+            columns[i] = found?;
+        }
     }
     Ok(columns)
 }

@@ -19,7 +19,6 @@ use std::convert::Infallible;
 use std::ops::Range;
 
 use nalgebra::{Matrix4, Vector4};
-use rayon::prelude::*;
 
 use super::states::InternalStates;
 use super::{Channels, Joints};
@@ -28,6 +27,7 @@ use crate::effects::{ActiveEffect, GearSpring, Kind};
 use crate::identification::Dataset;
 use crate::kinematics::{JointState, KinematicsError};
 use crate::machine::{Part, PerAxis, every_axis};
+use crate::numerics::parallel;
 use crate::recording::Channel;
 
 /// Newmark's γ and β of slow and of fast gears: Fox and Goodwin's rule, of fourth order for oscillations and stable below ω·h =
@@ -331,7 +331,7 @@ impl<'a> Passage<'a> {
             Ok(slopes)
         };
         let slopes: Vec<Vec<[Vector4<f64>; 3]>> =
-            (0..dataset.len()).into_par_iter().map(at).collect::<Result<_, KinematicsError>>()?;
+            parallel::map(dataset.len(), at).into_iter().collect::<Result<_, KinematicsError>>()?;
         let rule = Newmark::new(plant, gears, &joints.states[0], dataset.dt)?;
         let inverse = |(k, slopes): (usize, &Vec<[Vector4<f64>; 3]>)| {
             let h = dataset.step(k);
@@ -361,7 +361,7 @@ impl<'a> Passage<'a> {
         }
         // The compliances are the first parameters.
         let count = if gears { self.joints.plant.mechanism.arms() } else { columns.len() };
-        columns.par_iter_mut().take(count).enumerate().for_each(|(i, column)| {
+        parallel::each(&mut columns[..count], |i, column| {
             for (segment, start) in self.dataset.segments.iter().zip(&self.starts) {
                 self.turn(segment.clone(), column, gears.then_some((i, start)));
             }

@@ -17,11 +17,10 @@
 mod columns;
 mod rows;
 
-use rayon::prelude::*;
-
 use super::jerk::Sequence;
 use super::limits::Limits;
 use super::programme::{Programme, normalise};
+use crate::numerics::parallel;
 use columns::{Columns, PARTS};
 
 /// Largest number of rounds of tightening.
@@ -103,8 +102,8 @@ impl<'a> Relaxation<'a> {
     fn confine(&mut self, found: &Optimum, time: f64) {
         let inner = self.sequence.grid.inner();
         let traded: Vec<usize> = inner.filter(|&i| found.traded[i] > TRADED_TIME).collect();
-        let ranges: Vec<_> = traded.into_par_iter().map(|i| (i, self.range(i, time))).collect();
-        for (i, range) in ranges {
+        let ranges = parallel::map(traded.len(), |k| self.range(traded[k], time));
+        for (i, range) in traded.into_iter().zip(ranges) {
             self.ranges[i] = range;
         }
     }

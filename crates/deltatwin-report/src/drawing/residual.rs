@@ -2,6 +2,7 @@
 
 use deltatwin::identification::{Dataset, FitError, Residuals, predict};
 use deltatwin::model::Model;
+use deltatwin::numerics::fourier;
 use deltatwin::recording::Channel;
 
 use crate::{Color, Curve, Figure, Panel, Role, Style, panels, scatter_binned, spectrum};
@@ -131,14 +132,9 @@ impl Drawn<'_> {
 /// s.
 pub fn amplitude_spectrum(x: &[f64], dt: f64) -> (Vec<f64>, Vec<f64>) {
     let n = x.len();
-    let mut buffer = x.to_vec();
-    let fft = realfft::RealFftPlanner::<f64>::new().plan_fft_forward(n);
-    let mut out = fft.make_output_vec();
-    if n == 0 || fft.process(&mut buffer, &mut out).is_err() {
-        return (Vec::new(), Vec::new());
-    }
     let frequency = |k: usize| k as f64 / (n as f64 * dt);
-    out.iter().enumerate().skip(1).map(|(k, z)| (frequency(k), 2.0 * z.norm() / n as f64)).unzip()
+    let power = fourier::power(x.to_vec());
+    power.iter().enumerate().skip(1).map(|(k, p)| (frequency(k), 2.0 * p.sqrt() / n as f64)).unzip()
 }
 
 #[cfg(test)]

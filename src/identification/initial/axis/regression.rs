@@ -2,8 +2,6 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use super::super::PERIOD;
 use crate::effects::smooth_sign;
 use crate::evidence::noise::correlation_time;
@@ -12,7 +10,7 @@ use crate::identification::Dataset;
 use crate::identification::least_squares::{LeastSquares, least_squares};
 use crate::machine::{Joint, Mechanism};
 use crate::model::history::rounded_to;
-use crate::numerics::deviation;
+use crate::numerics::{deviation, parallel};
 
 /// Smallest and largest speed over which friction changes its sign, relative to the largest speed, and number of values
 /// tried between them.
@@ -135,7 +133,8 @@ pub(super) fn steepness(datasets: &[Dataset], mechanism: Mechanism, usual: f64, 
     let grid = |low: f64, high: f64| (0..=GRID).map(move |k| 10f64.powf(low + (high - low) * k as f64 / GRID as f64));
     let among = |low: f64, high: f64| {
         let steepnesses: Vec<f64> = grid(low, high).collect();
-        steepnesses.into_par_iter().filter_map(|s| Some((s, fits(s)?))).collect::<Vec<_>>()
+        let found = parallel::map(steepnesses.len(), |k| Some((steepnesses[k], fits(steepnesses[k])?)));
+        found.into_iter().flatten().collect::<Vec<_>>()
     };
     let coarse = among(fewest, most);
     let best = coarse.iter().min_by(|a, b| least(&a.1).total_cmp(&least(&b.1)))?;

@@ -2,13 +2,12 @@
 
 use std::borrow::Cow;
 
-use rayon::prelude::*;
-
 use super::{Channels, Moved, Wanted, difference, means, middle, observe, predict, slope};
 use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, Entry, Kind, Role};
 use crate::identification::Dataset;
 use crate::kinematics::KinematicsError;
+use crate::numerics::parallel;
 
 /// Columns of effects that act through the entire prediction.
 pub(super) struct Differences<'a> {
@@ -59,7 +58,9 @@ impl<'a> Differences<'a> {
             (false, true) => Cow::Borrowed(&self.observed),
             (false, false) => Cow::Borrowed(&self.plain),
         };
-        let column = |(k, entry): (usize, &Entry)| {
+        let entries = active.entries();
+        let column = |k: usize| {
+            let entry = &entries[k];
             if !wanted.has_column(entry) {
                 return Ok(none[k].clone());
             }
@@ -69,7 +70,7 @@ impl<'a> Differences<'a> {
             let slope = slope(&moved, &unmoved, step);
             Ok(if is_sensor { means(self.dataset, slope, self.block) } else { slope })
         };
-        active.entries().par_iter().enumerate().map(column).collect()
+        parallel::map(entries.len(), column).into_iter().collect()
     }
 
     /// Columns of elastic gears that the plant does not have yet.

@@ -2,13 +2,12 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use super::{Channels, InternalStates, Joints, Moved, means, middle, observe};
 use crate::dynamics::{ChannelMap, Feedback, Output, Plant, Sample, add_regressor, reads_loads};
 use crate::effects::{ActiveEffect, Kind, Part, Spec};
 use crate::identification::Dataset;
 use crate::kinematics::{KinematicsError, Motion};
+use crate::numerics::parallel;
 
 /// Number of blocks processed together.
 const CHUNK: usize = 64;
@@ -110,18 +109,18 @@ fn terms_of(
         Ok(())
     };
     // Chunks keep the transposition from rows to series in the cache.
-    let chunks: Vec<Vec<f64>> = blocks
-        .par_chunks(CHUNK)
-        .map(|chunk| {
-            let map = ChannelMap::without_motion(&dataset.channels);
-            let mut there = (Motion::REST, map, if follow { Feedback::of(plant) } else { None });
-            let mut rows = vec![0.0; chunk.len() * total * channels];
-            for (range, row) in chunk.iter().zip(rows.chunks_exact_mut(total * channels)) {
-                sum(range, &mut there, row)?;
-            }
-            Ok(rows)
-        })
-        .collect::<Result<_, KinematicsError>>()?;
+    let chunks: Vec<&[Range<usize>]> = blocks.chunks(CHUNK).collect();
+    let rows_of = |i: usize| {
+        let map = ChannelMap::without_motion(&dataset.channels);
+        let mut there = (Motion::REST, map, if follow { Feedback::of(plant) } else { None });
+        let mut rows = vec![0.0; chunks[i].len() * total * channels];
+        for (range, row) in chunks[i].iter().zip(rows.chunks_exact_mut(total * channels)) {
+            sum(range, &mut there, row)?;
+        }
+        Ok(rows)
+    };
+    let chunks: Vec<Vec<f64>> =
+        parallel::map(chunks.len(), rows_of).into_iter().collect::<Result<_, KinematicsError>>()?;
     let series = |column: usize, c: usize| -> Vec<f64> {
         let mut out = Vec::with_capacity(blocks.len());
         for rows in &chunks {
@@ -129,9 +128,7 @@ fn terms_of(
         }
         out
     };
-    let columns: Vec<Channels> =
-        (0..total).into_par_iter().map(|p| (0..channels).map(|c| series(p, c)).collect()).collect();
-    let mut columns = columns.into_iter();
+    let mut columns = parallel::map(total, |p| (0..channels).map(|c| series(p, c)).collect()).into_iter();
     Ok(widths.iter().map(|w| columns.by_ref().take(*w).collect()).collect())
 }
 
@@ -152,7 +149,8 @@ fn see(dataset: &Dataset, moved: &Moved, block: usize, columns: &mut [Vec<Channe
     observe(plant, &middle, &mut seen);
     let largest = |series: &Channels| series.iter().flatten().fold(0.0, |most: f64, x| most.max(x.abs()));
     let size = largest(&here);
-    columns.par_iter_mut().flatten().for_each(|column| {
+    let mut columns: Vec<&mut Channels> = columns.iter_mut().flatten().collect();
+    parallel::each(&mut columns, |_, column| {
         let own = largest(column);
         let step = if affine || size * own == 0.0 { 1.0 } else { SENSOR_STEP * size / own };
         for (x, h) in column.iter_mut().flatten().zip(here.iter().flatten()) {
