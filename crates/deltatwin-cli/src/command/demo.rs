@@ -24,7 +24,7 @@ use deltatwin_validation::exam::Campaign;
 #[command(after_help = "Example: deltatwin demo --seed 7 --effect ball_socket_coulomb")]
 pub struct Args {
     /// Draws the effect, its size, the model's errors, the motions and the noise.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = SEED)]
     pub seed: u64,
     /// Hide this effect instead of one drawn from those that these motions can show; `none` hides nothing.
     #[arg(long, value_name = "NAME")]
@@ -37,12 +37,13 @@ pub struct Args {
     pub output: PathBuf,
 }
 
-/// Time of the demo with the effect of seed 1, as measured on two cores, s.
+/// The seed of a demo without arguments, which hides a `payload_drag`, and its time on two cores, s.
+const SEED: u64 = 2;
 const SECONDS: u32 = 20;
 
 impl Default for Args {
     fn default() -> Self {
-        Self { seed: 1, effect: None, json: false, output: "recordings/demo".into() }
+        Self { seed: SEED, effect: None, json: false, output: "recordings/demo".into() }
     }
 }
 
@@ -212,7 +213,7 @@ mod tests {
         let signals = Signals::of_drives(known.mechanism, t, &[[0.3; 4]; 100], &[[0.0; 4]; 100]);
         let file = keep(&args, &known, &Recording { name: "run".into(), signals, ..Recording::default() }).unwrap();
         let bytes = std::fs::read(&file).unwrap();
-        for text in ["/tf", "/robot_description", "deltatwin demo --seed 1 --effect base_tilt", "[geometry]"] {
+        for text in ["/tf", "/robot_description", "deltatwin demo --seed 2 --effect base_tilt", "[geometry]"] {
             assert!(bytes.windows(text.len()).any(|window| window == text.as_bytes()), "{text}");
         }
     }
