@@ -3,7 +3,7 @@
 use super::budget::{self, Budget, Change};
 use super::fitting::{Fitting, Options};
 use super::judge::{Judge, Judged};
-use super::search::begun_with;
+use super::search::{begun_with, starts};
 use super::{DiagnosisError, check, missing, problem};
 use crate::dynamics::in_configuration;
 use crate::effects;
@@ -82,7 +82,7 @@ pub fn add_with(
     let chosen = Chosen { candidate: 0, variant: ranking.of(0).map_or(0, |a| a.variant) };
     let with = begun_with(&fitting, [&before.fit.model, model], &candidates, &[chosen], Some(&ranking))?;
     fitting.go_on()?;
-    let Judged { mut fit, residuals } = judge.fit(&with)?;
+    let Judged { mut fit, residuals } = starts::fit(&judge, (&problem, &candidates), &[chosen], &with)?;
     fitting.go_on()?;
     let budget = judge.budget(before.rms().to_vec(), vec![(effect.into(), residuals.rms.clone())]);
     fit.model.history.extend(budget.history());

@@ -11,6 +11,7 @@ mod models;
 mod pairs;
 mod rivals;
 mod standing;
+pub(super) mod starts;
 
 use std::cell::OnceCell;
 
@@ -393,7 +394,7 @@ impl<'a> Search<'a> {
             Some((had, before)) if gears.is_none() && chosen.split_last().is_some_and(|(_, others)| had == others) => {
                 let newest = &chosen[had.len()..];
                 let model = with_effects(&before.fit.model, self.candidates, newest, Some(ranking));
-                self.fits.of(chosen, || self.judge.fit(&model))?
+                self.fits.of(chosen, || self.fit(&model, chosen))?
             }
             _ => self.refit(chosen, Some(ranking))?,
         };
@@ -450,8 +451,13 @@ impl<'a> Search<'a> {
     fn refit(&self, chosen: &[Chosen], ranking: Option<&Ranking>) -> Result<Judged, FitError> {
         self.fits.of(chosen, || {
             let models = [&self.start.fit.model, &self.stated_model()];
-            self.judge.fit(&begun_with(self.judge.fitting, models, self.candidates, chosen, ranking)?)
+            self.fit(&begun_with(self.judge.fitting, models, self.candidates, chosen, ranking)?, chosen)
         })
+    }
+
+    /// The fit that begins at a model with the chosen effects, or at another start of one of them.
+    fn fit(&self, begun: &Model, chosen: &[Chosen]) -> Result<Judged, FitError> {
+        starts::fit(self.judge, (&self.problem, self.candidates), chosen, begun)
     }
 
     /// The model as stated, with the effects that the start has in addition.

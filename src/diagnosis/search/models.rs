@@ -66,7 +66,7 @@ pub(in crate::diagnosis) fn without_effects(model: &Model, names: &[&str]) -> Mo
 }
 
 /// Sets the linear parameters to the estimates, clamped to the ranges of the law.
-fn begin_at(active: &mut ActiveEffect, coefficients: &[evidence::Estimate]) {
+pub(super) fn begin_at(active: &mut ActiveEffect, coefficients: &[evidence::Estimate]) {
     let entries = active.entries();
     let linear = active.values.iter_mut().zip(&entries).filter(|(_, e)| e.parameter.role == Role::Linear);
     for ((value, entry), estimate) in linear.zip(coefficients) {

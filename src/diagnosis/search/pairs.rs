@@ -101,7 +101,7 @@ impl Search<'_> {
     /// lie at edges of the possible.
     fn fitted_together(&self, pair: &[Chosen]) -> Result<Judged, FitError> {
         let model = self.stated_model();
-        let make = || self.judge.fit(&begun_with(self.judge.fitting, [&model; 2], self.candidates, pair, None)?);
+        let make = || self.fit(&begun_with(self.judge.fitting, [&model; 2], self.candidates, pair, None)?, pair);
         self.fits.of(pair, make)
     }
 

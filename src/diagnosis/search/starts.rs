@@ -1,0 +1,71 @@
+//! Fits that begin again from another start of an effect, where a shape ends at a limit of its law.
+//!
+//! The error has several minima over a shape that enters nonlinearly, and a start that the linear problem prefers may lead to
+//! a wrong one. There a shape often ends at a limit: a spring that seems to have no free length pulls from the wrong side.
+
+use super::models::{begin_at, without_effects};
+use crate::diagnosis::judge::{Judge, Judged, relative_energy};
+use crate::effects::{ActiveEffect, Role};
+use crate::evidence::{self, Chosen, Problem, Settings};
+use crate::identification::fit::FitError;
+use crate::model::Model;
+
+/// Distance from a limit, relative to the usual value of the parameter, up to which a shape lies at it.
+const AT_LIMIT: f64 = 1e-3;
+
+/// The fit of `begun`, a model with the `chosen` effects of `problem`. If a shape of one ends at a limit, the fit begins again
+/// from that of the other starts of this effect which the problem prefers, and the fit that leaves less is returned.
+pub(in crate::diagnosis) fn fit(
+    judge: &Judge,
+    (problem, candidates): (&Problem, &[Vec<ActiveEffect>]),
+    chosen: &[Chosen],
+    begun: &Model,
+) -> Result<Judged, FitError> {
+    let first = judge.fit(begun)?;
+    let at_limit = |c: &&Chosen| {
+        let name = candidates[c.candidate][c.variant].effect.name();
+        first.fit.model.effects.iter().any(|a| a.effect.name() == name && is_at_limit(a))
+    };
+    if judge.fitting.is_late() {
+        return Ok(first);
+    }
+    let other = chosen.iter().find(at_limit).and_then(|c| other_start(problem, candidates, chosen, *c));
+    let Some(other) = other else { return Ok(first) };
+    let mut model = without_effects(begun, &[other.effect.name()]);
+    model.effects.push(other);
+    let Ok(second) = judge.fit(&model) else { return Ok(first) };
+    let left = |judged: &Judged| relative_energy(&judged.fit.residuals.rms, &judge.fitting.noise.pooled);
+    Ok(if left(&second) < left(&first) { second } else { first })
+}
+
+fn is_at_limit(active: &ActiveEffect) -> bool {
+    active.entries().into_iter().zip(&active.values).any(|(entry, value)| {
+        let parameter = &entry.parameter;
+        let distance = f64::min(value - parameter.range.0, parameter.range.1 - value);
+        parameter.role == Role::Shape && distance < AT_LIMIT * parameter.default.abs()
+    })
+}
+
+/// The start of an effect that the problem prefers next to that of `known`, with the other `chosen` effects in the model.
+fn other_start(
+    problem: &Problem,
+    candidates: &[Vec<ActiveEffect>],
+    chosen: &[Chosen],
+    known: Chosen,
+) -> Option<ActiveEffect> {
+    let others: Vec<Chosen> = chosen.iter().copied().filter(|c| *c != known).collect();
+    let mut rest = problem.clone();
+    for (i, candidate) in rest.candidates.iter_mut().enumerate() {
+        if i == known.candidate {
+            candidate.variants.remove(known.variant);
+        } else if others.iter().all(|c| c.candidate != i) {
+            candidate.variants.clear();
+        }
+    }
+    let ranking = evidence::evaluate(&rest, &others, &Settings::default()).ok()?;
+    let assessed = ranking.of(known.candidate).filter(|a| a.rank > 0)?;
+    let variant = assessed.variant + usize::from(assessed.variant >= known.variant);
+    let mut other = candidates[known.candidate].get(variant)?.clone();
+    begin_at(&mut other, &assessed.coefficients);
+    Some(other)
+}
