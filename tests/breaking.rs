@@ -168,6 +168,7 @@ fn sockets_of_a_relative_leave_their_balls_and_its_drives_trip() {
 /// Light struts of a linear delta, which lie in each other where their sockets open: the balance closes at every step, the better the
 /// finer.
 #[test]
+#[ignore = "campaign"]
 fn a_broken_linear_delta_keeps_its_energy() {
     let text = "model = \"linear-delta.toml\"\nduration = 0.6\nseed = 1\nnoise = false\n[motion]\n\
                 kind = \"random_fourier\"\nseed = 1\nfrequency = 0.22\nharmonics = 8\nshare = 0.8\n\

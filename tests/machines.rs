@@ -369,6 +369,7 @@ fn nothing_hidden_is_nothing_found_on_a_lone_slide() {
 
 /// Every recording weighs by its own noise, and is judged by it.
 #[test]
+#[ignore = "campaign"]
 fn recordings_of_unequal_noise_leave_their_noise() {
     let nominal = model("servo-axis");
     let robot = perturbed(&nominal, &Setup::default(), 22);
@@ -497,6 +498,7 @@ fn torque_ripple_of_one_arm_is_found_on_a_robot_taken_apart() {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn friction_in_the_sockets_is_found_on_a_three_axis_robot() {
     let nominal = model("clavel-delta");
     let hidden = ActiveEffect::new(find("ball_socket_coulomb").unwrap(), &[&[0.5], &[0.05]]);
@@ -558,6 +560,7 @@ fn swap(signals: &mut Signals, a: usize, b: usize) {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn swapped_torques_are_named_and_others_are_not() {
     for (model, setup) in machines().into_iter().filter(|(m, _)| m.mechanism.axes() > 1) {
         let (mut recording, _) = run(&model, &model, &setup, 10.0, 20, true);

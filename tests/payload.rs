@@ -262,6 +262,7 @@ fn a_machine_without_a_flange_carries_no_payload() {
 
 /// Statistics need more than a fit does, which is the answer then.
 #[test]
+#[ignore = "campaign"]
 fn a_recording_with_few_rows_is_fitted_and_nothing_is_tested() {
     let model = common::model("irb360-6-1600");
     let whole = recording(&model, Payload::default(), true, false, 3);

@@ -52,16 +52,9 @@ fn numbers(r: &Recording) -> impl Iterator<Item = f64> + '_ {
 }
 
 #[test]
-fn all_run_cleanly_and_the_same_again_on_any_number_of_threads() {
-    let folder = tempfile::tempdir().unwrap();
-    let bytes = |recording: &Recording| {
-        let out = folder.path().join("run.mcap");
-        deltatwin_io::recording::write(recording, &out).unwrap();
-        std::fs::read(out).unwrap()
-    };
-    let again = played(3);
+fn all_run_cleanly() {
     println!("scenario              s   gap (m)  rate     energy   kinetic (J)  peak (N)  events");
-    for ((file, (recording, report)), (recording_again, report_again)) in runs().iter().zip(&*PLAYED).zip(&again) {
+    for (file, (recording, report)) in runs().iter().zip(&*PLAYED) {
         let name = file.file_stem().unwrap().to_str().unwrap();
         println!(
             "{name:<20} {:5.3} {:.1e}  {:.1e}  {:.1e}  {:.1e}  {:8.1}  {}",
@@ -74,11 +67,25 @@ fn all_run_cleanly_and_the_same_again_on_any_number_of_threads() {
             report.events.len()
         );
         assert!(!recording.signals.is_empty() && numbers(recording).all(f64::is_finite), "{name}");
-        assert!(bytes(recording) == bytes(recording_again), "{name}: other bytes");
-        assert_eq!(format!("{report:?}"), format!("{report_again:?}"), "{name}");
         assert!(report.max_loop_gap < 1e-10 && report.max_loop_rate < 1e-9, "{name}: {:e}", report.max_loop_gap);
         assert!(report.energy_error < 1e-4, "{name}: {:e}", report.energy_error);
         assert!(report.kinetic_energy.is_finite() && report.peak_strut_force.is_finite() && report.unconverged == 0.0);
+    }
+}
+
+#[test]
+#[ignore = "campaign"]
+fn all_run_the_same_again_on_any_number_of_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes = |recording: &Recording| {
+        let out = folder.path().join("run.mcap");
+        deltatwin_io::recording::write(recording, &out).unwrap();
+        std::fs::read(out).unwrap()
+    };
+    for ((file, (recording, report)), (recording_again, report_again)) in runs().iter().zip(&*PLAYED).zip(&played(3)) {
+        let name = file.file_stem().unwrap().to_str().unwrap();
+        assert!(bytes(recording) == bytes(recording_again), "{name}: other bytes");
+        assert_eq!(format!("{report:?}"), format!("{report_again:?}"), "{name}");
     }
 }
 

@@ -251,6 +251,7 @@ fn two_effects_stand_where_one_has_another_shape() {
 
 /// Once the time is up the answer is what stands so far, with names for what was not tried.
 #[test]
+#[ignore = "campaign"]
 fn without_time_there_is_an_answer_and_what_was_not_tried() {
     let nominal = model("irb360-6-1600");
     let measured = [measured(LAWS[1].1, 9)];

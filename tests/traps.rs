@@ -353,6 +353,7 @@ fn a_payload_that_swings_is_no_heavier_or_shifted_one() {
 /// Torques of a motion within a fiftieth of the limits hardly depend on most parameters. Held out, a wide motion then leaves many
 /// times the noise, although nothing is missing.
 #[test]
+#[ignore = "campaign"]
 fn a_small_motion_does_not_determine_the_model_of_a_wide_one() {
     let robot = nominal();
     let small = measured(&robot, &excitation(22, 0.02), Payload::default(), 3.0, 1);

@@ -481,6 +481,7 @@ fn a_payload_that_is_not_stated_is_named() {
 /// The commonest mistake: the setup was forgotten. The load is estimated on every robot, on its axis or off it, and with the
 /// remedy nothing is left to say.
 #[test]
+#[ignore = "campaign"]
 fn a_forgotten_payload_is_estimated_within_its_error() {
     common::at_root();
     let folder = tempfile::tempdir().unwrap();

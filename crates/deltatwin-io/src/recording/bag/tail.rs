@@ -168,7 +168,7 @@ mod tests {
         let mut lossless = 0;
         for place in super::super::mcap_file::MAGIC.len()..bytes.len() {
             // Most of them at the beginning, which every sample needs.
-            if place % if place < 1_000 { 13 } else { 307 } != 0 {
+            if place % if place < 1_000 { 29 } else { 613 } != 0 {
                 continue;
             }
             let mut broken = bytes.clone();
