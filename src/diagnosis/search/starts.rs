@@ -14,7 +14,7 @@ use crate::model::Model;
 const AT_LIMIT: f64 = 1e-3;
 
 /// The fit of `begun`, a model with the `chosen` effects of `problem`. If a shape of one ends at a limit, the fit begins again
-/// from that of the other starts of this effect which the problem prefers, and the fit that leaves less is returned.
+/// from the best other start of this effect in `problem`, and the fit that leaves less is returned.
 pub(in crate::diagnosis) fn fit(
     judge: &Judge,
     (problem, candidates): (&Problem, &[Vec<ActiveEffect>]),
@@ -46,7 +46,7 @@ fn is_at_limit(active: &ActiveEffect) -> bool {
     })
 }
 
-/// The start of an effect that the problem prefers next to that of `known`, with the other `chosen` effects in the model.
+/// The best start in `problem` of the effect of `known`, without its own, with the other `chosen` effects in the model.
 fn other_start(
     problem: &Problem,
     candidates: &[Vec<ActiveEffect>],

@@ -162,13 +162,14 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "campaign"]
     fn a_flipped_bit_costs_at_most_its_chunk() {
         let bytes = file(3_000);
         let whole = read(&bytes).0;
         let mut lossless = 0;
         for place in super::super::mcap_file::MAGIC.len()..bytes.len() {
             // Most of them at the beginning, which every sample needs.
-            if place % if place < 1_000 { 29 } else { 613 } != 0 {
+            if place % if place < 1_000 { 13 } else { 307 } != 0 {
                 continue;
             }
             let mut broken = bytes.clone();
