@@ -353,6 +353,33 @@ fn struts_that_do_not_reach_are_refused() {
     assert_says(&m, &["strut_length = [1.106, 1.106, 3.5]", "home pose"]);
 }
 
+/// `text` without its `count` tables from `number` (from 0) on that begin with `header`.
+fn without_tables(text: &str, header: &str, number: usize, count: usize) -> String {
+    let starts: Vec<usize> = text.match_indices(header).map(|(at, _)| at).collect();
+    let end = |table: usize| text[starts[table] + 1..].find("\n[").map_or(text.len(), |at| starts[table] + 2 + at);
+    format!("{}{}", &text[..starts[number]], &text[end(number + count - 1)..])
+}
+
+#[test]
+fn topologies_that_cannot_work_are_refused_with_their_freedoms() {
+    let (par4, par2) = (text_of("par4"), text_of("par2"));
+    let one_plate = without_tables(&par4, "[plate]", 0, 1).replace("part = 2", "");
+    let flat = par4.replace("pair_distance = 0.1 ", "pair_distance = 1e-9 ");
+    let cases: [(String, &[&str]); 7] = [
+        (without_tables(&par4, "[[limbs]]", 3, 1), &["3 pairs of struts leave 1 of 4 freedoms", "expected 4 limbs"]),
+        (without_tables(&par4, "[[limbs]]", 2, 2), &["expected 3 to 4 limbs"]),
+        (one_plate, &["4 pairs of struts hold 3 freedoms", "1 of the drives", "expected 3 limbs"]),
+        (flat, &["at the home pose q = 0", "it can tilt"]),
+        (par4.replace("strut_length = 0.825", "strut_length = 0.3"), &["at the home pose q = 0", "lengths that close there"]),
+        (without_tables(&par2, "[coupling]", 0, 1), &["[coupling]", "the two passive limbs"]),
+        (par2.replace("limbs = [3, 4]", "limbs = [2, 3]"), &["limbs = [2, 3]", "`drive = false`"]),
+    ];
+    for (text, parts) in cases {
+        let Err(error) = parse(&text) else { panic!("{parts:?}: accepted") };
+        assert_says(&error.to_string(), parts);
+    }
+}
+
 #[test]
 fn limits_must_be_in_order_and_contain_the_home_pose() {
     let m = refused("arm_limits = [-0.703, 1.745]", "arm_limits = [1.745, -0.703]");

@@ -12,7 +12,7 @@ use crate::effects::{ActiveEffect, Entry, Kind, Param, Role};
 use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
 use crate::identification::dataset::{averaged_segments, runs};
 use crate::identification::fit::{Fit, FitError, kinematics, nominal_size};
-use crate::identification::prediction::{Channels, Laws, candidate_columns, own_columns};
+use crate::identification::prediction::{CandidateColumns, Channels, Laws, own_columns};
 use crate::identification::{Dataset, KeptColumns, NoiseLevel, Residuals};
 use crate::kinematics::KinematicsError;
 use crate::machine::Mechanism;
@@ -51,10 +51,7 @@ const USUAL_SHARE: f64 = 0.1;
 /// Shapes of candidates whose columns are computed together: laws on the known motion and sensors on the known torques, and
 /// effects that act through the entire prediction.
 const LAWS: usize = 16;
-const WHOLES: usize = 3;
-
-/// Columns of effects of a plant along a dataset, averaged over blocks, from those that are known.
-type ColumnsOf<'a> = &'a dyn Fn(&Plant, &Dataset, usize, Laws) -> Result<Vec<Vec<Channels>>, KinematicsError>;
+const WHOLES: usize = 4;
 
 impl Fitting<'_> {
     /// Linearised problem of a fit: residuals and columns of its parameters and of the candidates, averaged over
@@ -172,8 +169,9 @@ impl Fitting<'_> {
 
     /// Columns of all estimated parameters of a model except those that the motion does not excite.
     pub fn owned_columns(&self, model: &Model) -> Result<Vec<Owned>, FitError> {
-        let parameters = self.datasets[0].plant(model).parameters();
-        let all = self.averaged(model, &own_columns)?;
+        let plants: Vec<Plant> = self.datasets.iter().map(|t| t.plant(model)).collect();
+        let parameters = plants[0].parameters();
+        let all = self.each(&plants, own_columns)?;
         let free = parameters.free(&[]).into_iter().map(|k| (k, &parameters[k]));
         let owned = free.map(|(k, p)| Owned {
             param: p.param,
@@ -208,13 +206,13 @@ impl Fitting<'_> {
         let is_whole = |i: &usize| kind(i).acts_on_the_whole() && kind(i) != Kind::Sensor;
         let (wholes, laws): (Vec<usize>, Vec<usize>) = (0..candidates.len()).partition(is_whole);
         let mut columns = vec![Vec::new(); candidates.len()];
+        let plants: Vec<Plant> = self.datasets.iter().map(|t| t.plant(model)).collect();
+        let along = self.each(&plants, CandidateColumns::new)?;
         for group in laws.chunks(LAWS).chain(wholes.chunks(WHOLES)) {
             self.go_on()?;
             let own: Vec<ActiveEffect> = group.iter().map(|&i| candidates[i].clone()).collect();
-            let columns_of = |plant: &Plant, dataset: &Dataset, block: usize, known: Laws| {
-                candidate_columns(plant, dataset, &own, block, known)
-            };
-            let all = self.averaged(model, &columns_of)?;
+            let all = self.datasets.iter().zip(&along).map(|(t, along)| along.of(&own).map_err(kinematics(t)));
+            let all: Vec<Vec<Vec<Channels>>> = all.collect::<Result<_, FitError>>()?;
             for (j, &i) in group.iter().enumerate() {
                 let entries = candidates[i].entries();
                 let linear = entries.iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Linear);
@@ -231,16 +229,18 @@ impl Fitting<'_> {
         Ok(columns)
     }
 
-    /// Columns that `of` computes for the plant of every recording from those known, averaged over [`block`] samples:
-    /// `[recording][effect][parameter][channel][block]`.
-    fn averaged(&self, model: &Model, of: ColumnsOf) -> Result<Vec<Vec<Vec<Channels>>>, FitError> {
+    /// What `of` makes of the plant of every recording, with the length of a [`block`] and the columns that are known.
+    fn each<'p, T>(
+        &'p self,
+        plants: &'p [Plant],
+        of: impl Fn(&'p Plant, &'p Dataset, usize, Laws) -> Result<T, KinematicsError>,
+    ) -> Result<Vec<T>, FitError> {
         let block = block(self.datasets);
-        let one = |kept: &KeptColumns| {
-            let (plant, dataset) = (kept.dataset.plant(model), kept.dataset);
-            let columns = kept.laws(&plant).and_then(|known| of(&plant, dataset, block, known));
-            columns.map_err(kinematics(dataset))
+        let one = |(kept, plant): (&'p KeptColumns, &'p Plant)| {
+            let made = kept.laws(plant).and_then(|known| of(plant, kept.dataset, block, known));
+            made.map_err(kinematics(kept.dataset))
         };
-        self.kept.iter().map(one).collect()
+        self.kept.iter().zip(plants).map(one).collect()
     }
 
     /// Columns of the smoothing error of friction at the reversals of recordings that do not resolve them.

@@ -122,11 +122,13 @@ fn find_along(
         let refused = match selected {
             Selection::Complete(complete) => {
                 let (outcome, end) = *complete;
-                if search.sampling_lag(&end).is_some() && search.recorded_lag(&end.fit).is_none() {
+                let is_delayed_more = search.sampling_lag(&end).is_some() && search.recorded_lag(&end.fit).is_none();
+                // Without time for another selection, what stands of this one is the answer.
+                if is_delayed_more && !judge.fitting.is_late() {
                     search.exclude_lag();
                     continue;
                 }
-                // Without time for another selection, what stands of the last one is the answer.
+                // So is what stands of the last one if this one was cut at once.
                 let is_cut_at_once = outcome.cut_short && outcome.findings.is_empty();
                 let (outcome, end) = refuted.take().filter(|_| is_cut_at_once).unwrap_or((outcome, end));
                 let selection = (outcome.clone(), end.clone());
@@ -302,6 +304,10 @@ impl<'a> Search<'a> {
                 progress(Progress::Ranked(&promises(ranking)));
                 ranking.clone()
             });
+            // What was added before leaves nothing to be explained.
+            if last.as_ref().is_some_and(|(_, fitted)| self.judge.is_noise(fitted.rms())) {
+                return Ok(Refit::Negligible);
+            }
             if !is_begun && self.has_better_pairs(chosen, alone, ranking, last.as_ref()) {
                 stopped = Some(Selection::Pairs);
                 return Err(String::new());

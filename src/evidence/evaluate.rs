@@ -59,18 +59,15 @@ fn ranked(
     base.rank(problem, (&tested, own), entries, chosen, settings)
 }
 
-/// Ratio of explained shares from which a candidate precedes one with a smaller tail probability.
-const PLAINLY_MORE: f64 = 2.0;
-
-/// First candidate: the one with the smallest tail probability, unless another explains more than half of the error
-/// and more than [`PLAINLY_MORE`] times as much. Whitening weights frequencies by their inverse noise: where the
-/// error exceeds the noise by far, a wrong effect that fits only its fast part would otherwise lead.
+/// First candidate: the one with the smallest tail probability, unless another explains plainly more of the error.
+/// Whitening weights frequencies by their inverse noise: where the error exceeds the noise by far, a wrong effect that
+/// fits only its fast part would otherwise lead.
 fn leader(order: &[usize], candidates: &[Assessment], settings: &Settings) -> Option<usize> {
     let passing = || order.iter().copied().filter(|&i| candidates[i].passes(settings));
     let share = |i: usize| candidates[i].explained_share.unwrap_or(0.0);
     let likeliest = passing().next()?;
     let most = passing().max_by(|&a, &b| share(a).total_cmp(&share(b)))?;
-    Some(if share(most) > 0.5 && share(most) > PLAINLY_MORE * share(likeliest) { most } else { likeliest })
+    Some(if candidates[most].explains_plainly_more(&candidates[likeliest]) { most } else { likeliest })
 }
 
 /// All variants with the quantities that they share.

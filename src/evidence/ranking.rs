@@ -4,6 +4,9 @@ use super::Settings;
 use super::problem::Chosen;
 use super::whiten::ArFilter;
 
+/// Ratio of explained shares from which a candidate explains plainly more of the error than another.
+const PLAINLY_MORE: f64 = 2.0;
+
 /// Too few rows for tests: blocks of time would be too few or too short for independent scores.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TooFew {
@@ -112,6 +115,12 @@ impl Assessment {
         self.relevance.iter().fold(0.0, |a, &b| a.max(b))
     }
 
+    /// Whether the candidate explains more than half of the error and more than [`PLAINLY_MORE`] times as much as another.
+    pub(super) fn explains_plainly_more(&self, other: &Self) -> bool {
+        let share = |a: &Self| a.explained_share.unwrap_or(0.0);
+        share(self) > 0.5 && share(self) > PLAINLY_MORE * share(other)
+    }
+
     /// Whether the candidate is both significant and large enough to be reported.
     pub fn passes(&self, settings: &Settings) -> bool {
         self.p_adjusted < settings.alpha && self.max_relevance() >= settings.min_relevance
@@ -188,6 +197,13 @@ impl Ranking {
     pub fn energy(&self, sum_of_squares: &[f64]) -> f64 {
         let channels = sum_of_squares.iter().zip(&self.noise).filter(|(_, n)| **n > 0.0);
         channels.map(|(s, n)| s / (self.samples.max(1) as f64 * n * n)).sum()
+    }
+
+    /// Members of the confidence set that explain plainly less of the error than the best candidate. Whitening weights
+    /// frequencies by their inverse noise: their evidence is another, faster part of the error.
+    pub fn lesser(&self) -> Vec<&Assessment> {
+        let Some(best) = self.winner() else { return Vec::new() };
+        self.confidence_set().into_iter().filter(|a| best.explains_plainly_more(a)).collect()
     }
 
     /// Candidates that cannot be distinguished from the best one, best first; empty without a best one.

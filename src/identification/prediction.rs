@@ -26,7 +26,7 @@ use crate::numerics::parallel;
 use crate::recording::Channel;
 use crate::recording::Signals;
 
-pub use columns::{candidate_columns, columns, columns_with, own_columns, prediction_and_columns};
+pub use columns::{CandidateColumns, columns, columns_with, own_columns, prediction_and_columns};
 pub use kept::{KeptColumns, Laws};
 
 /// One series per channel, in the order of the dataset's channels.

@@ -54,10 +54,9 @@ pub(crate) struct Closed {
     pub passive: f64,
 }
 
-/// Linearised closure: rows of limbs, columns of the unknowns.
+/// Linearised closure: rows of limbs, columns of as many unknowns.
 struct Rows {
     matrix: Matrix4<f64>,
-    limbs: usize,
     unknowns: usize,
     turns: bool,
 }
@@ -142,7 +141,7 @@ impl Geometry {
     }
 
     /// Determinant of the closure at the angles of all arms (rad or m) and the pose of the plate over the one with all drives at
-    /// zero, of its normal matrix where there are more limbs than unknowns: zero where the drives lose the plate.
+    /// zero: zero where the drives lose the plate.
     pub fn closure_share(&self, q: &[f64], platform: &PlatformState) -> f64 {
         let passive = |q: &[f64]| self.limbs.iter().position(|limb| !limb.driven).map_or(0.0, |first| q[first]);
         let at = |q: &[f64], platform: &PlatformState| {
@@ -242,7 +241,7 @@ impl Geometry {
             rows.inverse().ok_or_else(|| KinematicsError::Singular { q: joints.q[..self.driven()].into() })?;
         let solve = |right: &dyn Fn(usize) -> f64| {
             let mut out = Closed::default();
-            let right = Vector4::from_fn(|i, _| if i < rows.limbs { right(i) } else { 0.0 });
+            let right = Vector4::from_fn(|i, _| if i < rows.unknowns { right(i) } else { 0.0 });
             out.add(&(inverse * right), self.plate.turns());
             out
         };
@@ -423,8 +422,7 @@ impl<'a> Linkage<'a> {
 
 impl Rows {
     fn new(geometry: &Geometry) -> Self {
-        let (limbs, unknowns) = (geometry.limbs.len(), geometry.unknowns());
-        Self { matrix: Matrix4::zeros(), limbs, unknowns, turns: geometry.plate.turns() }
+        Self { matrix: Matrix4::zeros(), unknowns: geometry.unknowns(), turns: geometry.plate.turns() }
     }
 
     /// Sets row `i`: the strut vector l, l·∂b/∂ψ, and of a passive arm l·∂e/∂q, else zero.
@@ -438,24 +436,20 @@ impl Rows {
         }
     }
 
-    /// Inverse of the rows for as many limbs as unknowns; the pseudo-inverse, of least squares, for more.
     fn inverse(&self) -> Option<Matrix4<f64>> {
-        if self.limbs == self.unknowns {
-            return self.padded(self.matrix).try_inverse();
-        }
-        Some(self.padded(self.matrix.tr_mul(&self.matrix)).try_inverse()? * self.matrix.transpose())
+        self.padded().try_inverse()
     }
 
     /// The matrix with ones on the diagonal after the last unknown.
-    fn padded(&self, mut matrix: Matrix4<f64>) -> Matrix4<f64> {
+    fn padded(&self) -> Matrix4<f64> {
+        let mut matrix = self.matrix;
         (self.unknowns..4).for_each(|i| matrix[(i, i)] += 1.0);
         matrix
     }
 
     /// Its sign distinguishes assemblies.
     fn determinant(&self) -> f64 {
-        let square = if self.limbs == self.unknowns { self.matrix } else { self.matrix.tr_mul(&self.matrix) };
-        let matrix = self.padded(square);
+        let matrix = self.padded();
         let row = |i: usize| matrix.fixed_view::<1, 3>(i % 4, 0).transpose();
         // Along the last column; the three rows after one, cyclically, are an even permutation of the rows that are left.
         let cofactor = |i: usize| row(i + 1).dot(&row(i + 2).cross(&row(i + 3)));

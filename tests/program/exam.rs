@@ -265,27 +265,29 @@ fn gears_with_a_resonance_in_the_band_are_fitted() {
     }
 }
 
-/// Effects that differ near standstill only, contain each other, or act on the time of the torques: they are compared where
-/// each is fitted.
+/// On carriages effects that differ near standstill only, contain each other, or act on the time of the torques: they are
+/// compared where each is fitted. On I4 cogging too fast for the smoothed motion, which the error of the accelerations
+/// counts as noise: named before what is left, less than that noise, is searched.
 #[test]
 #[ignore = "campaign"]
-fn rivals_on_carriages_are_compared_as_fitted() {
+fn what_exams_missed_is_named() {
     common::at_root();
-    for (name, seed, strut_sensor) in [
-        ("drive_coulomb_asymmetry", 13_557_752_304_978_864_492, true),
-        ("hose_spring", 3_293_784_209_508_248_227, false),
-        ("signal_delay", 16_335_917_927_032_969_802, false),
+    for (machine, name, seed, strut_sensor, payload) in [
+        ("linear-delta", "drive_coulomb_asymmetry", 13_557_752_304_978_864_492, true, false),
+        ("linear-delta", "hose_spring", 3_293_784_209_508_248_227, false, false),
+        ("linear-delta", "signal_delay", 16_335_917_927_032_969_802, false, false),
+        ("i4", "cogging", 17_347_143_253_881_056_286, true, true),
     ] {
         let case = Case {
             seed,
             effects: vec![name.into()],
             motion: MotionKind::Wideband,
             strut_sensor,
-            payload: false,
+            payload,
             duration: 20.0,
             ..Case::default()
         };
-        let c = campaign(&model("linear-delta"), &case, &|_, _| {}).unwrap();
+        let c = campaign(&model(machine), &case, &|_, _| {}).unwrap();
         let answer = judge::judge(&c.model, &[c.measurement, c.validation]);
         let truth = judge::Truth { effects: vec![name.into()], ..judge::Truth::default() };
         println!("{name}: {:?} {:?}", answer.effects, answer.indistinguishable);

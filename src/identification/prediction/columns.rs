@@ -124,20 +124,31 @@ pub fn columns_with(
     averaged(plant, dataset, &wanted, 1, Laws::default())
 }
 
-/// Columns of the linear parameters of candidates, as [`own_columns`], as if each were in the plant with the values it has;
-/// columns of shape parameters are zero.
-///
-/// # Errors
-/// As [`columns`].
-pub fn candidate_columns(
-    plant: &Plant,
-    dataset: &Dataset,
-    candidates: &[ActiveEffect],
+/// Columns of the linear parameters of candidates along a dataset, as if each were in the plant with the values it has; what
+/// all candidates share is computed once.
+pub struct CandidateColumns<'a> {
+    dataset: &'a Dataset,
+    moved: Moved<'a>,
     block: usize,
-    known: Laws,
-) -> Result<Vec<Vec<Channels>>, KinematicsError> {
-    let wanted = |active| Wanted { active, is_candidate: true, shapes: false };
-    averaged(plant, dataset, &candidates.iter().map(wanted).collect::<Vec<_>>(), block, known)
+}
+
+impl<'a> CandidateColumns<'a> {
+    /// Along `dataset`, averaged over `block` samples; `known` are columns of the plant's laws in the dataset.
+    ///
+    /// # Errors
+    /// As [`columns`].
+    pub fn new(plant: &'a Plant, dataset: &'a Dataset, block: usize, known: Laws) -> Result<Self, KinematicsError> {
+        Ok(Self { dataset, moved: Moved::new(joints(plant, dataset)?.knowing(known)), block })
+    }
+
+    /// `[candidate][parameter][channel][block]`; columns of shape parameters are zero.
+    ///
+    /// # Errors
+    /// [`KinematicsError`] if a law gives no finite value.
+    pub fn of(&self, candidates: &[ActiveEffect]) -> Result<Vec<Vec<Channels>>, KinematicsError> {
+        let wanted = |active| Wanted { active, is_candidate: true, shapes: false };
+        along(self.dataset, &self.moved, &candidates.iter().map(wanted).collect::<Vec<_>>(), self.block)
+    }
 }
 
 fn averaged(
@@ -350,7 +361,8 @@ mod tests {
             REGISTRY.iter().filter(known).map(|e| ActiveEffect::absent_on(Arc::clone(e), model.host())).collect();
         let mut all = own_columns(&plant, &dataset, BLOCK, Laws::default()).unwrap();
         let own = all.len();
-        all.extend(candidate_columns(&plant, &dataset, &candidates, BLOCK, Laws::default()).unwrap());
+        let along = CandidateColumns::new(&plant, &dataset, BLOCK, Laws::default()).unwrap();
+        all.extend(along.of(&candidates).unwrap());
         let mut expected = vec![columns(&plant, &dataset, None).unwrap()];
         expected.extend(candidates.iter().map(|c| columns(&plant, &dataset, Some(c)).unwrap()));
         let flat: Vec<&Channels> = all[..own].iter().flatten().collect();

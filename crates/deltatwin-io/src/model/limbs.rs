@@ -35,7 +35,7 @@ pub(super) fn read(top: &Table) -> Checked<Geometry> {
     let most = every_limb().len();
     let joint = |limb: &Limb| limb.actuator.joint();
     let why = match &limbs[..] {
-        _ if !(2..=most).contains(&limbs.len()) => Some(format!("expected 2 to {most} limbs")),
+        _ if !(3..=most).contains(&limbs.len()) => Some(format!("expected 3 to {most} limbs")),
         all if all.windows(2).any(|w| joint(&w[0]) != joint(&w[1])) => {
             Some("expected shafts on all limbs, or an `inclination` on all of them".into())
         }
@@ -124,18 +124,29 @@ fn check_coupling(top: &Table, limbs: &[Limb]) -> Checked<()> {
     Ok(())
 }
 
-/// Checks that the limbs hold the plate, and that the drives move it, at the home pose; `table` is `[geometry]`.
+/// Checks that the limbs hold the plate once, and that the drives move it, at the home pose; `table` is `[geometry]`.
+///
+/// More limbs than freedoms of plate and passive arms leave drives beyond the freedoms of the machine: their angles depend on
+/// each other, and their torques contain a tension that the motion does not determine.
 ///
 /// # Errors
-/// The number of freedoms that is left, or the condition that the home pose violates.
+/// The number of freedoms that is left, or of limbs beyond them, or the condition that the home pose violates.
 pub(super) fn check(table: &Table, g: &Geometry) -> Checked<()> {
     let refuse = |why: String| Err(table.source.problem(table.span.clone(), why));
     let (limbs, unknowns) = (g.limbs.len(), g.unknowns());
     if unknowns > limbs {
         return refuse(format!(
             "[[limbs]]: {limbs} pairs of struts leave {} of {unknowns} freedoms of plate and passive arms to nothing; expected \
-             at least {unknowns} limbs",
+             {unknowns} limbs",
             unknowns - limbs
+        ));
+    }
+    if unknowns < limbs {
+        return refuse(format!(
+            "[[limbs]]: {limbs} pairs of struts hold {unknowns} freedoms of plate and passive arms; {} of the drives would act \
+             against others, with torques that no motion determines; expected {unknowns} limbs, or a [plate] whose parts turn \
+             the tool",
+            limbs - unknowns
         ));
     }
     let motion = match Motion::assembled(g, &JointState::default()) {
