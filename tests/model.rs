@@ -370,7 +370,10 @@ fn topologies_that_cannot_work_are_refused_with_their_freedoms() {
         (without_tables(&par4, "[[limbs]]", 2, 2), &["expected 3 to 4 limbs"]),
         (one_plate, &["4 pairs of struts hold 3 freedoms", "1 of the drives", "expected 3 limbs"]),
         (flat, &["at the home pose q = 0", "it can tilt"]),
-        (par4.replace("strut_length = 0.825", "strut_length = 0.3"), &["at the home pose q = 0", "lengths that close there"]),
+        (
+            par4.replace("strut_length = 0.825", "strut_length = 0.3"),
+            &["at the home pose q = 0", "lengths that close there"],
+        ),
         (without_tables(&par2, "[coupling]", 0, 1), &["[coupling]", "the two passive limbs"]),
         (par2.replace("limbs = [3, 4]", "limbs = [2, 3]"), &["limbs = [2, 3]", "`drive = false`"]),
     ];

@@ -304,8 +304,7 @@ impl<'a> Search<'a> {
                 progress(Progress::Ranked(&promises(ranking)));
                 ranking.clone()
             });
-            // What was added before leaves nothing to be explained.
-            if last.as_ref().is_some_and(|(_, fitted)| self.judge.is_noise(fitted.rms())) {
+            if last.as_ref().is_some_and(|(_, fitted)| self.is_explained(fitted, chosen, alone)) {
                 return Ok(Refit::Negligible);
             }
             if !is_begun && self.has_better_pairs(chosen, alone, ranking, last.as_ref()) {
@@ -332,6 +331,19 @@ impl<'a> Search<'a> {
         self.complete(outcome, last, progress)
     }
 
+    /// Whether the effects `fitted` before the last of `chosen` leave nothing to be explained, and the last one is neither the
+    /// recorder's delay nor an effect that may stand in place of the first: alone it explains plainly less.
+    fn is_explained(&self, fitted: &Judged, chosen: &[Chosen], alone: &Ranking) -> bool {
+        let of = |c: Option<&Chosen>| c.and_then(|c| alone.of(c.candidate));
+        let is_less = of(chosen.first()).zip(of(chosen.last())).is_some_and(|(a, b)| a.explains_plainly_more(b));
+        is_less && !self.ends_with_lag(chosen) && self.judge.is_noise(fitted.rms())
+    }
+
+    /// Whether the last of `chosen` may be the recorder's delay.
+    fn ends_with_lag(&self, chosen: &[Chosen]) -> bool {
+        self.lag == Lag::Possible && chosen.last().is_some_and(|c| self.shape(c).effect.name() == DELAY)
+    }
+
     /// Change of the problem after the last of `chosen` was added, or the reason that ends the selection.
     fn added(
         &self,
@@ -343,7 +355,7 @@ impl<'a> Search<'a> {
     ) -> Result<Refit, Selection> {
         let fitting = self.judge.fitting;
         let names = self.names(chosen);
-        let is_lag = self.lag == Lag::Possible && names.last().is_some_and(|name| name == DELAY);
+        let is_lag = self.ends_with_lag(chosen);
         let model = with_effects(&self.start.fit.model, self.candidates, chosen, None);
         if !is_lag && !self.is_bounded() && !is_nonlinear(&model) {
             fitting.tried();

@@ -115,8 +115,8 @@ impl Assessment {
         self.relevance.iter().fold(0.0, |a, &b| a.max(b))
     }
 
-    /// Whether the candidate explains more than half of the error and more than [`PLAINLY_MORE`] times as much as another.
-    pub(super) fn explains_plainly_more(&self, other: &Self) -> bool {
+    /// Whether the candidate explains more than half of the error and more than twice as much as another.
+    pub fn explains_plainly_more(&self, other: &Self) -> bool {
         let share = |a: &Self| a.explained_share.unwrap_or(0.0);
         share(self) > 0.5 && share(self) > PLAINLY_MORE * share(other)
     }
