@@ -19,6 +19,7 @@ use deltatwin::identification::dataset::stride_for;
 use deltatwin::identification::fit::FitError;
 use deltatwin::identification::{Dataset, Residuals};
 use deltatwin::model::Model;
+use deltatwin::numerics::parallel;
 
 /// Largest residual share of the energy of a law in the span.
 pub const WITHIN: f64 = 1e-6;
@@ -164,15 +165,15 @@ impl<'a> Ground<'a> {
             .collect();
         let grams: Vec<DMatrix<f64>> = atoms.iter().zip(&forces).map(|(a, f)| self.gram(a.place, f)).collect();
         let searched = Searched { atoms, forces, grams };
-        let mut best = self.pursue(&searched, &target, None, MAX_LAWS);
-        let first = self.ranked(&searched, &[], &target);
-        let beginnings = first.into_iter().filter(|i| atoms[*i].number.is_none()).take(RESTARTS);
-        for beginning in beginnings {
-            if best >= WITHIN {
-                best = best.min(self.pursue(&searched, &target, Some(beginning), LAWS_PER_RESTART));
-            }
+        let best = self.pursue(&searched, &target, None, MAX_LAWS);
+        if best < WITHIN {
+            return Some(best);
         }
-        Some(best.min(1.0))
+        let mut first = self.ranked(&searched, &[], &target);
+        first.retain(|i| atoms[*i].number.is_none());
+        first.truncate(RESTARTS);
+        let again = |k: usize| self.pursue(&searched, &target, Some(first[k]), LAWS_PER_RESTART);
+        Some(parallel::map(first.len(), again).into_iter().fold(best, f64::min).min(1.0))
     }
 
     /// Residual energy of `target` after at most `most` laws, of which the first may be given.
@@ -185,7 +186,8 @@ impl<'a> Ground<'a> {
                 Some(first) => vec![first],
                 None => self.ranked(searched, &others, &left).into_iter().take(LAWS_PER_STEP).collect(),
             };
-            let refined = tried.into_iter().map(|i| self.refined(&searched.atoms[i], &others, &left));
+            let one = |k: usize| self.refined(&searched.atoms[tried[k]], &others, &left);
+            let refined = parallel::map(tried.len(), one).into_iter();
             let Some((_, best)) = refined.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
             taken.push(best);
             let count = taken.len();
