@@ -73,7 +73,7 @@ impl Alone {
         let before = in_configuration(&found.start.fit.model, &fitting.datasets[0].setup);
         let mut owned = match found.start.fit.edges[..] {
             [] => Vec::new(),
-            _ => fitting.owned_columns(&found.start.fit.model)?,
+            _ => fitting.columns_of(&found.start.fit)?.to_vec(),
         };
         owned.retain(|o| !fitting.is_fixed(o.param));
         let followers = problem::followers(owned, &found.start.fit, found.edges);

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::DiagnosisError;
-use super::problem::block;
+use super::problem::{Owned, block};
 use crate::effects::{ActiveEffect, Effect, Entry, Param};
 use crate::identification::fit::{self, Fit, FitError, Options as FitOptions, fit_with};
 use crate::identification::{Dataset, KeptColumns, Laps, NoiseLevel, Repeats, Residuals};
@@ -83,6 +83,8 @@ pub(super) struct Fitting<'a> {
     /// Whether a fit ended before it converged, for lack of time.
     was_stopped: AtomicBool,
     work: Mutex<Work>,
+    /// Columns of the last fits, each known by its residuals.
+    pub columns: Mutex<Vec<(Arc<Residuals>, Arc<Vec<Owned>>)>>,
 }
 
 /// Work of a diagnosis, in counts.
@@ -135,6 +137,7 @@ impl<'a> Fitting<'a> {
             has_tried: AtomicBool::new(false),
             was_stopped: AtomicBool::new(false),
             work: Mutex::default(),
+            columns: Mutex::default(),
         }
     }
 

@@ -2,6 +2,7 @@
 //! effect that it lacks.
 
 use std::ops::Range;
+use std::sync::{Arc, PoisonError};
 
 use super::DiagnosisError;
 use super::change::can_change;
@@ -52,6 +53,9 @@ const USUAL_SHARE: f64 = 0.1;
 /// effects that act through the entire prediction.
 const LAWS: usize = 16;
 const WHOLES: usize = 4;
+
+/// Fits whose columns are kept.
+const KEPT: usize = 6;
 
 impl Fitting<'_> {
     /// Linearised problem of a fit: residuals and columns of its parameters and of the candidates, averaged over
@@ -162,9 +166,22 @@ impl Fitting<'_> {
     /// Columns of the parameters of a fit that are not fixed, along its active consistency constraints, and of the smoothing
     /// error at reversals.
     pub fn base(&self, fit: &Fit, edges: Edges) -> Result<Vec<Column>, FitError> {
-        let mut owned = self.owned_columns(&fit.model)?;
-        owned.retain(|o| !self.is_fixed(o.param));
+        let owned = self.columns_of(fit)?.iter().filter(|o| !self.is_fixed(o.param)).cloned().collect();
         Ok(along_edges(owned, fit, edges).into_iter().chain(self.blurred_reversals()).collect())
+    }
+
+    /// [`Self::owned_columns`] of a fit, those of the last fits computed once.
+    pub fn columns_of(&self, fit: &Fit) -> Result<Arc<Vec<Owned>>, FitError> {
+        let mut known = self.columns.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, columns)) = known.iter().find(|(residuals, _)| Arc::ptr_eq(residuals, &fit.residuals)) {
+            return Ok(Arc::clone(columns));
+        }
+        let made = Arc::new(self.owned_columns(&fit.model)?);
+        if known.len() == KEPT {
+            known.remove(0);
+        }
+        known.push((Arc::clone(&fit.residuals), Arc::clone(&made)));
+        Ok(made)
     }
 
     /// Columns of all estimated parameters of a model except those that the motion does not excite.

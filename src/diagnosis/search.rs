@@ -495,7 +495,7 @@ impl<'a> Search<'a> {
         for c in chosen {
             next.candidates[c.candidate].variants[c.variant].columns.clear();
         }
-        for owned in self.fits.columns(chosen, fitted, fitting)?.iter() {
+        for owned in fitting.columns_of(fitted)?.iter() {
             if fitting.is_fixed(owned.param) {
                 continue;
             }

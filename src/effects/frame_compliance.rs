@@ -83,7 +83,7 @@ static SPEC: Spec = Spec::new(
 /// Σ m_i·a_i of the centres of mass in x and y, N.
 fn inertial_force(at: &Instant) -> [f64; 2] {
     let mut sum = Vector3::zeros();
-    for (inertia, motion) in at.bodies.0.iter().zip(&at.motion.bodies) {
+    for (inertia, motion) in at.bodies.0.iter().zip(&at.motion.bodies).filter(|(inertia, _)| inertia.mass != 0.0) {
         let h = motion.rotation * inertia.first_moment;
         let omega = motion.angular_velocity;
         sum +=

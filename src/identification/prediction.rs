@@ -18,7 +18,7 @@ use std::sync::OnceLock;
 
 use self::states::InternalStates;
 use super::Dataset;
-use crate::dynamics::{LoadCourse, Output, Plant, inverse_dynamics, reads_loads};
+use crate::dynamics::{LoadCourse, Output, Plant, reads_loads};
 use crate::effects::{ActiveEffect, GearSpring, Kind};
 use crate::kinematics::{JointState, KinematicsError, Motion};
 use crate::machine::PerAxis;
@@ -184,13 +184,18 @@ pub fn surroundings(plant: &Plant, dataset: &Dataset, range: &Range<usize>) -> (
 
 /// Motion of the joints: that of the encoders without offsets, periodic errors and deflections.
 fn joints<'a>(plant: &'a Plant, dataset: &'a Dataset) -> Result<Joints<'a>, KinematicsError> {
+    joints_within(plant, dataset, gears::CONVERGED)
+}
+
+/// Motion of the joints, deflections of gears up to the last change `converged`, rad.
+fn joints_within<'a>(plant: &'a Plant, dataset: &'a Dataset, converged: f64) -> Result<Joints<'a>, KinematicsError> {
     let states = match plant.effects.iter().any(|a| a.effect.kind() == Kind::Encoder) {
         true => Cow::Owned(dataset.joints.iter().map(|j| plant.behind_encoders(j)).collect()),
         false => Cow::Borrowed(dataset.joints.as_slice()),
     };
     let rigid = Joints::new(plant, states.clone(), states);
     match gear_springs(plant).filter(|_| !dataset.is_empty()) {
-        Some(gears) => gears::deflected(dataset, &rigid, &gears),
+        Some(gears) => gears::deflected(dataset, &rigid, &gears, converged),
         None => Ok(rigid),
     }
 }
@@ -227,12 +232,11 @@ fn ideal(plant: &Plant, dataset: &Dataset, joints: &Joints) -> Result<Channels, 
             out.tau[i] += gear.rotor_inertia * (joints.encoders[k].qdd[i] - joints.states[k].qdd[i]);
         }
     }
+    let mut series = channels(dataset, &outputs);
     if gears.iter().any(|g| g.friction_at_motor) {
-        for (out, friction) in outputs.iter_mut().zip(at_motors(plant, &behind, &own, dataset, joints)?) {
-            out.tau.iter_mut().zip(friction).for_each(|(tau, f)| *tau += f);
-        }
+        add_motors(plant, &gears, dataset, joints, &mut series)?;
     }
-    Ok(channels(dataset, &outputs))
+    Ok(series)
 }
 
 /// The values of the dataset's channels.
@@ -276,28 +280,20 @@ fn in_courses<T: Send + Sync>(
     Ok(all)
 }
 
-/// Torques of the effects on the motor side at every sample: their contribution at the encoders' motion.
-fn at_motors(
+/// Adds to the channels the laws on the motor side, at the encoders' motion.
+fn add_motors(
     plant: &Plant,
-    behind: &Plant,
-    own_behind: &InternalStates,
+    gears: &PerAxis<GearSpring>,
     dataset: &Dataset,
     joints: &Joints,
-) -> Result<Vec<PerAxis<f64>>, KinematicsError> {
-    let encoders = joints.of_encoders();
-    let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
-    let own = InternalStates::along(plant, &effects, dataset, &encoders)?;
-    let along = |course: Range<usize>| {
-        let mut motion = Motion::REST;
-        let difference = |k: usize| {
-            encoders.set_motion(k, &mut motion)?;
-            let with = inverse_dynamics(plant, dataset.t[k], &motion, &own.at(k), false)?.tau;
-            let without = inverse_dynamics(behind, dataset.t[k], &motion, &own_behind.at(k), false)?.tau;
-            Ok(std::array::from_fn(|i| with[i] - without[i]))
-        };
-        course.map(difference).collect()
-    };
-    in_courses(dataset.len(), along)
+    series: &mut Channels,
+) -> Result<(), KinematicsError> {
+    let effects: Vec<&ActiveEffect> = plant.effects.iter().filter(|a| gears::acts_on_motors(a, gears)).collect();
+    let encoders = Joints { follow: false, ..joints.of_encoders() };
+    for (active, columns) in effects.iter().zip(columns::terms(&effects, dataset, &encoders, 1)?) {
+        columns::add_weighted(series, &columns, &active.values);
+    }
+    Ok(())
 }
 
 /// Applies the plant's sensor effects to the torque channels.

@@ -1,13 +1,9 @@
 //! Fits from one start, each computed once.
 
 use std::cell::RefCell;
-use std::rc::Rc;
 
-use crate::diagnosis::fitting::Fitting;
 use crate::diagnosis::judge::Judged;
-use crate::diagnosis::problem;
 use crate::evidence::Chosen;
-use crate::identification::fit::{Fit, FitError};
 
 /// Candidates and variants in a fit.
 type Key = Vec<(usize, usize)>;
@@ -16,7 +12,6 @@ type Key = Vec<(usize, usize)>;
 #[derive(Default)]
 pub(super) struct Fits {
     judged: RefCell<Vec<(Key, Judged)>>,
-    columns: RefCell<Vec<(Key, Rc<Vec<problem::Owned>>)>>,
 }
 
 /// Key of a set of effects, independent of the order of addition.
@@ -35,22 +30,6 @@ impl Fits {
         }
         let made = make()?;
         self.judged.borrow_mut().push((key, made.clone()));
-        Ok(made)
-    }
-
-    /// Columns of all parameters at the fit with `chosen`.
-    pub fn columns(
-        &self,
-        chosen: &[Chosen],
-        fit: &Fit,
-        fitting: &Fitting,
-    ) -> Result<Rc<Vec<problem::Owned>>, FitError> {
-        let key = key(chosen);
-        if let Some((_, known)) = self.columns.borrow().iter().find(|(k, _)| *k == key) {
-            return Ok(known.clone());
-        }
-        let made = Rc::new(fitting.owned_columns(&fit.model)?);
-        self.columns.borrow_mut().push((key, made.clone()));
         Ok(made)
     }
 }

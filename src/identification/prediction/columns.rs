@@ -217,12 +217,35 @@ fn at_joints(
     wanted: &[Wanted],
     block: usize,
 ) -> Result<Vec<Vec<Channels>>, KinematicsError> {
+    let is_whole = |i: &usize| wanted[*i].active.effect.kind().acts_on_the_whole();
+    let (wholes, laws): (Vec<usize>, Vec<usize>) = (0..wanted.len()).partition(is_whole);
+    let mut columns = vec![Vec::new(); wanted.len()];
+    let own: Vec<Wanted> = laws.iter().map(|&i| wanted[i]).collect();
+    for (i, own) in laws.into_iter().zip(of_laws(dataset, moved, &own, block)?) {
+        columns[i] = own;
+    }
+    if !wholes.is_empty() {
+        let differences = Differences::new(dataset, moved, block)?;
+        let found = parallel::map(wholes.len(), |k| differences.columns(&wanted[wholes[k]]));
+        for (i, found) in wholes.into_iter().zip(found) {
+            columns[i] = found?;
+        }
+    }
+    Ok(columns)
+}
+
+/// Columns of force laws and inertia.
+fn of_laws(
+    dataset: &Dataset,
+    moved: &Moved,
+    wanted: &[Wanted],
+    block: usize,
+) -> Result<Vec<Vec<Channels>>, KinematicsError> {
     let joints = &moved.joints;
-    let plant = joints.plant;
     let shifted: Vec<ActiveEffect> = wanted.iter().filter(|w| w.shapes).flat_map(|w| shaped(w.active)).collect();
     let effects: Vec<&ActiveEffect> = wanted.iter().map(|w| w.active).chain(&shifted).collect();
     let mut columns = linear(&effects, dataset, moved, block)?;
-    let gears = gear_springs(plant).unwrap_or_default();
+    let gears = gear_springs(joints.plant).unwrap_or_default();
     let on_motors: Vec<usize> = (0..effects.len()).filter(|&i| gears::acts_on_motors(effects[i], &gears)).collect();
     if !on_motors.is_empty() {
         let those: Vec<&ActiveEffect> = on_motors.iter().map(|&i| effects[i]).collect();
@@ -230,8 +253,7 @@ fn at_joints(
         on_motors.into_iter().zip(turned).for_each(|(i, turned)| columns[i] = turned);
     }
     let mut shifted = columns.split_off(wanted.len()).into_iter();
-    let is_whole = |w: &Wanted| w.active.effect.kind().acts_on_the_whole();
-    for (wanted, columns) in wanted.iter().zip(&mut columns).filter(|(w, _)| w.shapes && !is_whole(w)) {
+    for (wanted, columns) in wanted.iter().zip(&mut columns).filter(|(w, _)| w.shapes) {
         let unmoved = weighted(columns, &wanted.active.values);
         for (k, entry) in wanted.active.entries().iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Shape) {
             let step = difference(entry);
@@ -239,14 +261,6 @@ fn at_joints(
             values[k] += step;
             let there = shifted.next().expect("one copy per shape parameter");
             columns[k] = slope(&weighted(&there, &values), &unmoved, step);
-        }
-    }
-    let wholes: Vec<usize> = (0..wanted.len()).filter(|&i| is_whole(&wanted[i])).collect();
-    if !wholes.is_empty() {
-        let differences = Differences::new(dataset, moved, block)?;
-        let found = parallel::map(wholes.len(), |k| differences.columns(&wanted[wholes[k]], &columns[wholes[k]]));
-        for (i, found) in wholes.into_iter().zip(found) {
-            columns[i] = found?;
         }
     }
     Ok(columns)
@@ -274,9 +288,6 @@ fn difference(entry: &Entry) -> f64 {
 
 /// Copies of a force law, each with one shape parameter changed by a step.
 fn shaped(active: &ActiveEffect) -> Vec<ActiveEffect> {
-    if active.effect.kind().acts_on_the_whole() {
-        return Vec::new();
-    }
     let shapes = active.entries().into_iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Shape);
     shapes
         .map(|(k, entry)| {
@@ -291,6 +302,12 @@ fn shaped(active: &ActiveEffect) -> Vec<ActiveEffect> {
 fn weighted(columns: &[Channels], values: &[f64]) -> Channels {
     let Some(first) = columns.first() else { return Channels::new() };
     let mut sum: Channels = first.iter().map(|s| vec![0.0; s.len()]).collect();
+    add_weighted(&mut sum, columns, values);
+    sum
+}
+
+/// Adds Σ valuesₖ·columnₖ to a sum.
+pub(super) fn add_weighted(sum: &mut Channels, columns: &[Channels], values: &[f64]) {
     for (column, value) in columns.iter().zip(values).filter(|(_, v)| **v != 0.0) {
         for (total, series) in sum.iter_mut().zip(column) {
             for (t, x) in total.iter_mut().zip(series) {
@@ -298,7 +315,6 @@ fn weighted(columns: &[Channels], values: &[f64]) -> Channels {
             }
         }
     }
-    sum
 }
 
 #[cfg(test)]

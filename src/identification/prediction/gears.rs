@@ -44,8 +44,13 @@ const MOST_STEPS: usize = 12;
 const OLD_JACOBIAN: usize = 3;
 /// Deflection above which the solution counts as diverged, rad.
 const RUN_AWAY: f64 = 0.1;
-/// Change of a deflection at which the iteration has converged, and step for a column of the Jacobian, rad.
-const CONVERGED: f64 = 1e-9;
+/// Number of samples after which the Jacobian is recomputed at the latest: the pose has changed.
+const FRESH: usize = 25;
+/// Change of a deflection after which the iteration has converged, rad. It leaves 5e-5 of what the gears change in the torques,
+/// that of a candidate, whose column is a secant, 2e-3.
+pub(super) const CONVERGED: f64 = 3e-10;
+pub(super) const OF_A_SECANT: f64 = 1e-7;
+/// Step for a column of the Jacobian, rad.
 const STEP: f64 = 1e-8;
 
 /// The plant behind its gears: without effects on the motor side.
@@ -64,11 +69,12 @@ pub(super) fn acts_on_motors(active: &ActiveEffect, gears: &PerAxis<GearSpring>)
     at_motor && active.effect.acts_on() == Part::Drives && active.effect.kind() == Kind::Force
 }
 
-/// Joint motion behind the gears; `rigid` is the motion with rigid gears.
+/// Joint motion behind the gears; `rigid` is the motion with rigid gears, `converged` the last change of a deflection, rad.
 pub(super) fn deflected<'a>(
     dataset: &Dataset,
     rigid: &Joints<'a>,
     gears: &PerAxis<GearSpring>,
+    converged: f64,
 ) -> Result<Joints<'a>, KinematicsError> {
     let plant = behind(rigid.plant, gears);
     let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
@@ -76,7 +82,7 @@ pub(super) fn deflected<'a>(
     let encoders = encoders(dataset, rigid.plant);
     let mut states = encoders.clone();
     let rule = Newmark::new(&plant, gears, &encoders[0], dataset.dt)?;
-    let arms = Arms { plant: &plant, gears, dataset, own: &own, encoders: &encoders, rule };
+    let arms = Arms { plant: &plant, gears, dataset, own: &own, encoders: &encoders, rule, converged };
     for segment in &dataset.segments {
         arms.along(segment.clone(), &mut states)?;
     }
@@ -184,6 +190,7 @@ struct Arms<'a> {
     own: &'a InternalStates,
     encoders: &'a [JointState],
     rule: Newmark,
+    converged: f64,
 }
 
 impl Arms<'_> {
@@ -191,13 +198,18 @@ impl Arms<'_> {
     ///
     /// A fit may try inconsistent bodies, with which the deflection diverges: it is then reset to the steady one.
     fn along(&self, segment: Range<usize>, joints: &mut [JointState]) -> Result<(), KinematicsError> {
-        let mut now = self.started(&segment)?;
+        let (mut now, mut change) = (self.started(&segment)?, Vector4::zeros());
         let mut inverse = None;
-        for k in segment {
-            now = match self.next(k, &now, &mut inverse) {
+        for (age, k) in segment.enumerate() {
+            if age % FRESH == 0 {
+                inverse = None;
+            }
+            let before = now.acceleration;
+            now = match self.next(k, &now, before + change, &mut inverse) {
                 Ok(next) if next.angle.amax() < RUN_AWAY => next,
                 _ => self.steady(k)?,
             };
+            change = now.acceleration - before;
             joints[k] = now.behind(&self.encoders[k]);
         }
         Ok(())
@@ -215,16 +227,16 @@ impl Arms<'_> {
         Ok(Deflection { angle: self.excess(k, &rigid)?, ..rigid })
     }
 
-    /// Deflection at sample `k` from the previous one; `inverse` is the inverse of the Jacobian.
+    /// Deflection at sample `k` from the previous one and an expected `acceleration`; `inverse` is the inverse of the Jacobian.
     fn next(
         &self,
         k: usize,
         before: &Deflection,
+        mut acceleration: Vector4<f64>,
         inverse: &mut Option<Matrix4<f64>>,
     ) -> Result<Deflection, KinematicsError> {
         let h = self.dataset.step(k);
         let left = |a: &Vector4<f64>| self.excess(k, &before.after(h, &self.rule, *a));
-        let mut acceleration = before.acceleration;
         let mut last: Option<[Vector4<f64>; 2]> = None;
         for step in 0..MOST_STEPS {
             let here = left(&acceleration)?;
@@ -243,7 +255,7 @@ impl Arms<'_> {
             let Some(change) = inverse.map(|inverse| inverse * here) else { break };
             acceleration -= change;
             last = Some([change, here]);
-            if change.amax() * h * h < CONVERGED {
+            if change.amax() * h * h < self.converged {
                 break;
             }
         }
@@ -347,7 +359,7 @@ impl<'a> Passage<'a> {
             matrix.try_inverse().unwrap_or_else(Matrix4::zeros)
         };
         let inverse = slopes.iter().enumerate().map(inverse).collect();
-        let arms = Arms { plant, gears, dataset, own: &own, encoders: &joints.encoders, rule };
+        let arms = Arms { plant, gears, dataset, own: &own, encoders: &joints.encoders, rule, converged: CONVERGED };
         let starts = dataset.segments.iter().map(|s| arms.started(s)).collect::<Result<_, KinematicsError>>()?;
         Ok(Self { dataset, joints, gears, drives, slopes: slopes.concat(), rule, starts, inverse })
     }

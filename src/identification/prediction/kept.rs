@@ -13,6 +13,7 @@ use crate::effects::rigid_bodies::{self, RigidBodies};
 use crate::effects::{ActiveEffect, Kind, Role};
 use crate::identification::Dataset;
 use crate::kinematics::KinematicsError;
+use crate::machine::Bodies;
 
 /// Most values that are kept of a recording, 256 MB; what exceeds them is computed at every request.
 const MOST_VALUES: usize = 32_000_000;
@@ -34,10 +35,14 @@ pub struct KeptColumns<'a> {
 struct Kept {
     /// The machine without parameters.
     bare: Plant,
-    /// Its channels, from payload and known loads.
-    constant: Arc<Channels>,
+    /// Channels without any law, from payload, known loads and what the parameters of links do not describe; for the last
+    /// links.
+    constants: Vec<(Bodies, Arc<Channels>)>,
     laws: Vec<(ActiveEffect, Columns)>,
 }
+
+/// Links whose channels without any law are kept.
+const LINKS: usize = 6;
 
 /// Columns of a plant's laws that are known in a window of a recording.
 #[derive(Clone, Default)]
@@ -75,7 +80,18 @@ impl<'a> KeptColumns<'a> {
         let bare = bare(plant);
         let mut kept = match guard.take() {
             Some(kept) if is_same(&kept.bare, &bare) => kept,
-            _ => Kept { constant: Arc::new(self.constant(&bare)?), laws: Vec::new(), bare },
+            _ => Kept { constants: Vec::new(), laws: Vec::new(), bare: bare.clone() },
+        };
+        let constant = match kept.constants.iter().find(|(links, _)| are_same(links, &bare.links)) {
+            Some((_, constant)) => Arc::clone(constant),
+            None => {
+                let constant = Arc::new(self.constant(&bare)?);
+                if kept.constants.len() == LINKS {
+                    kept.constants.remove(0);
+                }
+                kept.constants.push((bare.links, Arc::clone(&constant)));
+                constant
+            }
         };
         let missing: Vec<&ActiveEffect> =
             own.iter().copied().filter(|a| is_shared(a) && kept.of(a).is_none()).collect();
@@ -88,7 +104,7 @@ impl<'a> KeptColumns<'a> {
             kept.laws.extend(found);
         }
         let columns = own.iter().map(|a| kept.of(a).map(|columns| (Arc::clone(columns), 0))).collect();
-        let laws = Laws { columns, constant: Some((Arc::clone(&kept.constant), 0)) };
+        let laws = Laws { columns, constant: Some((constant, 0)) };
         *guard = Some(kept);
         Ok(laws)
     }
@@ -189,19 +205,13 @@ fn bare(plant: &Plant) -> Plant {
     bare
 }
 
-/// Whether laws have the same columns on two machines without parameters.
+/// Whether laws have the same columns on two machines without parameters, whatever their links.
 fn is_same(a: &Plant, b: &Plant) -> bool {
     let loads = match (&a.measured, &b.measured) {
         (Some(a), Some(b)) => Arc::ptr_eq(a, b),
         (a, b) => a.is_none() && b.is_none(),
     };
-    let links = a.links.0.iter().zip(&b.links.0).all(|(a, b)| {
-        let apart =
-            (a.mass - b.mass).abs().max((a.first_moment - b.first_moment).amax()).max((a.tensor - b.tensor).amax());
-        apart < ROUNDING
-    });
     loads
-        && links
         && a.host == b.host
         && a.geometry == b.geometry
         && a.link_parameters == b.link_parameters
@@ -209,6 +219,15 @@ fn is_same(a: &Plant, b: &Plant) -> bool {
         && a.load == b.load
         && a.gravity == b.gravity
         && a.assembled == b.assembled
+}
+
+/// Whether links are the same up to rounding.
+fn are_same(a: &Bodies, b: &Bodies) -> bool {
+    a.0.iter().zip(&b.0).all(|(a, b)| {
+        let apart =
+            (a.mass - b.mass).abs().max((a.first_moment - b.first_moment).amax()).max((a.tensor - b.tensor).amax());
+        apart < ROUNDING
+    })
 }
 
 /// Whether the columns of a law depend on the motion alone.

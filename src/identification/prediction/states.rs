@@ -39,11 +39,23 @@ impl InternalStates {
             return Ok(Self { starts, values: initial.repeat(dataset.len()) });
         }
         let host = host(plant, effects);
+        // Candidates that add nothing leave the forces of the plant.
+        let adds_nothing = |host: &Plant| {
+            std::ptr::eq(plant, joints.plant)
+                && !plant.effects.iter().any(ActiveEffect::states_read_reactions)
+                && host.effects[plant.effects.len()..].iter().all(is_absent)
+        };
+        let of_plant = host.as_ref().filter(|host| adds_nothing(host)).and_then(|_| joints.loads(dataset).ok());
+        let host = host.filter(|_| of_plant.is_none());
         let of_host: Vec<&ActiveEffect> = host.iter().flat_map(|host| &host.effects).collect();
         let all = [effects, &of_host].concat();
         let mut motions = [Motion::REST; 2];
         joints.set_motion(0, &mut motions[0])?;
-        let resting = host.as_ref().map_or(Reactions::ZERO, |host| host.resting_reactions(dataset.t[0], &motions[0]));
+        let resting = match (of_plant, &host) {
+            (Some(loads), _) => loads.of_samples[0].reactions,
+            (None, Some(host)) => host.resting_reactions(dataset.t[0], &motions[0]),
+            (None, None) => Reactions::ZERO,
+        };
         let first = Instant { reactions: &resting, ..plant.instant(dataset.t[0], &motions[0], &[]) };
         let start = |a: &&ActiveEffect| if moving(a) { a.steady_state(&first) } else { a.initial_state() };
         let mut now: Vec<Vec<f64>> = all.iter().map(start).collect();
@@ -58,7 +70,9 @@ impl InternalStates {
                 joints.set_motion(k, &mut motions[here])?;
                 let motions = [&motions[before], &motions[here]];
                 let ends: [Instant; 2] = std::array::from_fn(|i| plant.instant(dataset.t[k - 1 + i], motions[i], &[]));
-                if let Some(host) = &host {
+                if let Some(loads) = of_plant {
+                    forces = [loads.of_samples[k - 1].reactions, loads.of_samples[k].reactions];
+                } else if let Some(host) = &host {
                     let states: Vec<&[f64]> = now[effects.len()..].iter().map(Vec::as_slice).collect();
                     let at_end = |i: usize| host.reactions(ends[i].t, ends[i].motion, &states);
                     forces = [if k > 1 && keeps_forces { forces[1] } else { at_end(0) }, at_end(1)];

@@ -1,5 +1,6 @@
 use super::states::exponential_heun;
 use super::*;
+use crate::dynamics::inverse_dynamics;
 use crate::effects::Role;
 use crate::effects::find;
 use crate::machine::{Configuration, Setup};

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+use super::super::{gears, joints_within, predict_along};
 use super::{Channels, Moved, Wanted, difference, means, middle, observe, predict, slope};
 use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, Entry, Kind, Role};
@@ -33,12 +34,13 @@ impl<'a> Differences<'a> {
         Ok(Self { plant, dataset, block, middle, plain, unobserved, observed })
     }
 
-    /// Columns of all parameters of an effect; those not requested are as in `none`.
-    pub(super) fn columns(&self, wanted: &Wanted, none: &[Channels]) -> Result<Vec<Channels>, KinematicsError> {
+    /// Columns of all parameters of an effect; those not requested are zero.
+    pub(super) fn columns(&self, wanted: &Wanted) -> Result<Vec<Channels>, KinematicsError> {
         let active = wanted.active;
+        let none = || vec![vec![0.0; self.middle.len()]; self.plain.len()];
         if active.has_gears() {
             // For gears of the plant, the columns come from [`gears::Passage`].
-            return if wanted.is_candidate { self.of_gears(active) } else { Ok(none.to_vec()) };
+            return if wanted.is_candidate { self.of_gears(active) } else { Ok(vec![none(); active.values.len()]) };
         }
         let is_sensor = active.effect.kind() == Kind::Sensor;
         let predicted = |step: Option<(usize, f64)>| -> Result<Channels, KinematicsError> {
@@ -62,7 +64,7 @@ impl<'a> Differences<'a> {
         let column = |k: usize| {
             let entry = &entries[k];
             if !wanted.has_column(entry) {
-                return Ok(none[k].clone());
+                return Ok(none());
             }
             let is_secant = is_sensor && wanted.is_candidate && active.values[k] != 0.0;
             let step = if is_secant { active.values[k] } else { difference(entry) };
@@ -80,7 +82,9 @@ impl<'a> Differences<'a> {
     fn of_gears(&self, active: &ActiveEffect) -> Result<Vec<Channels>, KinematicsError> {
         let is_rigid = active.gear_springs().is_none();
         let there = if is_rigid { active.at_nominal_size() } else { active.clone() };
-        let elastic = predict(&with(self.plant, &there, None, true), self.dataset)?;
+        let elastic = with(self.plant, &there, None, true);
+        let joints = joints_within(&elastic, self.dataset, gears::OF_A_SECANT)?;
+        let elastic = predict_along(&elastic, self.dataset, &joints)?;
         let column = |(arm, (entry, value)): (usize, (Entry, &f64))| -> Channels {
             let of = |(c, (e, r)): (usize, (&Vec<f64>, &Vec<f64>))| {
                 let own = entry.parameter.role == Role::Linear && self.dataset.channels[c].limb() == arm;
@@ -116,4 +120,37 @@ fn with(plant: &Plant, active: &ActiveEffect, step: Option<(usize, f64)>, is_can
         plant.sum_inertia();
     }
     plant
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::dataset;
+    use super::*;
+    use crate::effects::{ActiveEffect, find};
+    use crate::model::testing::irb360;
+
+    /// Of what elastic gears change in the torques, the iteration of the deflections leaves 0.2 % in a secant and 0.005 % in a
+    /// model, along a motion through which the inertia behind the gears changes.
+    #[test]
+    fn deflections_are_as_close_as_stated() {
+        let (mut model, dataset) = (irb360(), dataset());
+        let observed = predict(&Plant::new(&model, &dataset.setup), &dataset).unwrap();
+        let gears = ActiveEffect::absent_on(find("drive_elasticity").unwrap(), model.host()).at_nominal_size();
+        model.effects.push(gears);
+        let plant = Plant::new(&model, &dataset.setup);
+        let within = |converged: f64| {
+            let joints = joints_within(&plant, &dataset, converged).unwrap();
+            predict_along(&plant, &dataset, &joints).unwrap()
+        };
+        let apart = |a: &Channels, b: &Channels| {
+            let squares = a.iter().flatten().zip(b.iter().flatten()).map(|(x, y)| (x - y) * (x - y));
+            squares.sum::<f64>().sqrt()
+        };
+        let exact = within(1e-13);
+        let change = apart(&exact, &observed);
+        for (converged, left) in [(gears::OF_A_SECANT, 2e-3), (gears::CONVERGED, 5e-5)] {
+            let share = apart(&within(converged), &exact) / change;
+            assert!(share < left, "{converged:e}: {share:.1e}");
+        }
+    }
 }
