@@ -1,9 +1,5 @@
 //! Regression line of a measured on a predicted series.
 
-use crate::identification::least_squares::least_squares;
-use crate::identification::residuals::rms;
-use crate::numerics::deviation;
-
 /// Linear regression of a measured on a predicted series: measured ≈ offset + slope · predicted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Line {
@@ -19,22 +15,32 @@ pub struct Line {
     pub unexplained: f64,
 }
 
+/// Deviation of a series relative to its RMS below which it does not vary.
+const VARIES: f64 = 3e-5;
+
 impl Line {
-    /// Regression line of `y` on `x`; `None` where either does not vary.
+    /// Regression line of `y` on `x`, [Gauss 1823] for one feature: slope Sxy/Sxx with the variance s²/Sxx; `None` with less
+    /// than four samples or where either does not vary.
     pub fn of(x: &[f64], y: &[f64]) -> Option<Self> {
-        let ones = vec![1.0; x.len()];
-        let fit = least_squares(&[&ones, x], y)?;
-        let [sx, sy] = [x, y].map(deviation);
-        let (slope, correlation) = (fit.beta[1], fit.beta[1] * sx / sy);
-        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let unexplained = 1.0 - dot(x, y).powi(2) / (dot(x, x) * dot(y, y)).max(f64::MIN_POSITIVE);
-        let moves = sx > 1e-9 * rms(x) && sy > 1e-9 * rms(y);
-        (moves && correlation.is_finite()).then(|| Self {
+        let n = y.len() as f64;
+        let (mx, my) = (x.iter().sum::<f64>() / n, y.iter().sum::<f64>() / n);
+        let (mut sxx, mut sxy, mut syy) = (0.0, 0.0, 0.0);
+        for (x, y) in x.iter().zip(y) {
+            let (x, y) = (x - mx, y - my);
+            sxx += x * x;
+            sxy += x * y;
+            syy += y * y;
+        }
+        let (xx, xy, yy) = (sxx + n * mx * mx, sxy + n * mx * my, syy + n * my * my);
+        let moves = |own: f64, whole: f64| own > VARIES * VARIES * whole;
+        let slope = sxy / sxx;
+        let is_line = y.len() >= 4 && moves(sxx, xx) && moves(syy, yy) && slope.is_finite();
+        is_line.then(|| Self {
             slope,
-            slope_std: fit.std[1],
-            offset: fit.beta[0],
-            correlation: correlation.clamp(-1.0, 1.0),
-            unexplained: unexplained.clamp(0.0, 1.0),
+            slope_std: ((syy - slope * sxy).max(0.0) / (n - 2.0) / sxx).sqrt(),
+            offset: my - slope * mx,
+            correlation: (sxy / (sxx * syy).sqrt()).clamp(-1.0, 1.0),
+            unexplained: (1.0 - xy * xy / (xx * yy)).clamp(0.0, 1.0),
         })
     }
 }
