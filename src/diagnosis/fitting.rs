@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::DiagnosisError;
-use super::problem::{Owned, block};
+use super::problem::{OwnedColumns, block};
 use crate::effects::{ActiveEffect, Effect, Entry, Param};
 use crate::identification::fit::{self, Fit, FitError, Options as FitOptions, fit_with};
 use crate::identification::{Dataset, KeptColumns, Laps, NoiseLevel, Repeats, Residuals};
@@ -84,7 +84,7 @@ pub(super) struct Fitting<'a> {
     was_stopped: AtomicBool,
     work: Mutex<Work>,
     /// Columns of the last fits, each known by its residuals.
-    pub columns: Mutex<Vec<(Arc<Residuals>, Arc<Vec<Owned>>)>>,
+    pub columns: Mutex<Vec<(Arc<Residuals>, OwnedColumns)>>,
 }
 
 /// Work of a diagnosis, in counts.

@@ -171,16 +171,19 @@ impl Fitting<'_> {
     }
 
     /// [`Self::owned_columns`] of a fit, those of the last fits computed once.
-    pub fn columns_of(&self, fit: &Fit) -> Result<Arc<Vec<Owned>>, FitError> {
-        let mut known = self.columns.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, columns)) = known.iter().find(|(residuals, _)| Arc::ptr_eq(residuals, &fit.residuals)) {
-            return Ok(Arc::clone(columns));
+    pub fn columns_of(&self, fit: &Fit) -> Result<OwnedColumns, FitError> {
+        let kept = || self.columns.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_of_fit = |(residuals, _): &&(Arc<Residuals>, OwnedColumns)| Arc::ptr_eq(residuals, &fit.residuals);
+        let known = kept().iter().find(is_of_fit).map(|(_, columns)| Arc::clone(columns));
+        if let Some(columns) = known {
+            return Ok(columns);
         }
         let made = Arc::new(self.owned_columns(&fit.model)?);
-        if known.len() == KEPT {
-            known.remove(0);
+        let mut kept = kept();
+        if kept.len() == KEPT {
+            kept.remove(0);
         }
-        known.push((Arc::clone(&fit.residuals), Arc::clone(&made)));
+        kept.push((Arc::clone(&fit.residuals), Arc::clone(&made)));
         Ok(made)
     }
 
@@ -343,6 +346,9 @@ pub struct Owned {
     /// The column.
     pub column: Column,
 }
+
+/// Columns of all parameters of a fit.
+pub type OwnedColumns = Arc<Vec<Owned>>;
 
 /// Contribution of a parameter of usual size below which it counts as not excited, N·m or N.
 const NOT_EXCITED: f64 = 1e-9;
