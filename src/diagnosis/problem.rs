@@ -170,7 +170,7 @@ impl Fitting<'_> {
         Ok(along_edges(owned, fit, edges).into_iter().chain(self.blurred_reversals()).collect())
     }
 
-    /// [`Self::owned_columns`] of a fit, those of the last fits computed once.
+    /// Columns of all estimated parameters of a fit, as [`Self::owned_columns`]; the last [`KEPT`] fits keep theirs.
     pub fn columns_of(&self, fit: &Fit) -> Result<OwnedColumns, FitError> {
         let kept = || self.columns.lock().unwrap_or_else(PoisonError::into_inner);
         let is_of_fit = |(residuals, _): &&(Arc<Residuals>, OwnedColumns)| Arc::ptr_eq(residuals, &fit.residuals);

@@ -6,6 +6,7 @@ use super::{
     About, Count, Effect, Instant, InternalStates, Oscillator, Parameter, Part, Reads, Role, Spec, Start, Sway, Unit,
     Values, Wrenches,
 };
+use crate::machine::bodies::Inertia;
 
 /// Two horizontal modes of the frame, each a mass M on a spring k and a damper d: with the displacement u of the base
 /// in x or y, M·ü = −k·u − d·u̇ − Σ m_i·(a_i + ü), and −m_i·ü on every body at its centre of mass.
@@ -80,10 +81,16 @@ static SPEC: Spec = Spec::new(
 .grids(&[&[0.5, 0.7, 1.0, 1.5, 2.0]])
 .starts(&STARTS);
 
+/// Bodies that the frame carries. One without mass of its own may have the first moment that a fit gave it.
+fn carried<'a>(at: &Instant<'a>) -> impl Iterator<Item = (usize, &'a Inertia)> {
+    at.bodies.0.iter().enumerate().filter(|(_, inertia)| **inertia != Inertia::ZERO)
+}
+
 /// Σ m_i·a_i of the centres of mass in x and y, N.
 fn inertial_force(at: &Instant) -> [f64; 2] {
     let mut sum = Vector3::zeros();
-    for (inertia, motion) in at.bodies.0.iter().zip(&at.motion.bodies).filter(|(inertia, _)| inertia.mass != 0.0) {
+    for (body, inertia) in carried(at) {
+        let motion = &at.motion.bodies[body];
         let h = motion.rotation * inertia.first_moment;
         let omega = motion.angular_velocity;
         sum +=
@@ -107,7 +114,7 @@ impl Effect for FrameCompliance {
         let base = modes(values).acceleration(at.state, inertial_force(at));
         for (i, acceleration) in base.into_iter().enumerate() {
             let base = Vector3::ith(i, acceleration);
-            for (body, inertia) in at.bodies.0.iter().enumerate().filter(|(_, inertia)| inertia.mass != 0.0) {
+            for (body, inertia) in carried(at) {
                 let h = at.motion.bodies[body].rotation * inertia.first_moment;
                 out.wrench(values.index(INVERSE_MASS, i), body, base * -inertia.mass, base.cross(&h));
             }
@@ -248,6 +255,23 @@ mod tests {
         let turned = written(&motion)[0];
         assert_eq!(turned.2, Vector3::new(16.0, 0.0, 0.0));
         approx::assert_relative_eq!(turned.3, Vector3::new(0.0, 0.0, -4.8), epsilon = 1e-12);
+    }
+
+    #[test]
+    fn a_first_moment_without_mass_counts() {
+        // h = (0.6, 0, 0.2) kg·m turns about z with 10 rad/s: Σ m·a = (−0.6·10², 0) N, ÿ = 60 N. Without mass no force, and
+        // ÿ × h = (60, 0, 0) × (0.6, 0, 0.2) = (0, −12, 0) per unit of s.
+        let mut bodies = testing::no_bodies();
+        bodies[ARM].first_moment = Vector3::new(0.6, 0.0, 0.2);
+        let mut motion = testing::still();
+        motion.bodies[ARM].angular_velocity.z = 10.0;
+        let active = ActiveEffect::absent(Arc::new(FrameCompliance));
+        let mut all = Vec::new();
+        at(0.0, &motion, &bodies, &[0.0; 4], |at| {
+            let mut read = |k, body, force: Vector3<f64>, moment| all.push((k, body, force.norm(), moment));
+            FrameCompliance.wrenches(&active.values(), at, &mut Wrenches::new(at.motion, &mut read));
+        });
+        assert_eq!(all[0], (0, ARM, 0.0, Vector3::new(0.0, -12.0, 0.0)));
     }
 
     #[test]
