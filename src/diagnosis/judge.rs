@@ -250,7 +250,7 @@ impl Fitting<'_> {
         if !noise.wanders() {
             return Ok(noise.energy(&before) - noise.energy(&left));
         }
-        let (own, least) = (self.base(without, Edges::Together)?, self.base(with, Edges::Together)?);
+        let (own, least) = (self.base(without, Edges::Apart)?, self.base(with, Edges::Apart)?);
         let after = left;
         let refitted = |y: &[f64], base: &[Column], noise: &Noise| {
             let columns: Vec<&[f64]> = base.iter().map(|c| &*c.values).collect();

@@ -39,8 +39,8 @@ def some(rng, low, high, all_arms):
 
 
 def hide(name, plant, rng):
-    """The machine and its sensors with an effect of the given name, and the numbers for the record."""
-    sensors = {"offset": np.zeros(4), "gain": np.ones(4), "low_pass": 0.0, "delay": 0.0}
+    """The machine with an effect of the given name, what it changes on the sensors, and the numbers for the record."""
+    sensors = {}
     phase = rng.uniform(0, 2 * np.pi, 3)
     sign = rng.choice([-1, 1], 3)
     everywhere = rng.uniform() < 0.5
@@ -143,12 +143,16 @@ def logger(rng, every, noise, step):
 
 
 def make(model, effect, seed, folder):
-    """Writes fit.csv, val.csv, their setups and truth.json; everything follows from effect and seed."""
+    """Writes fit.csv, val.csv, their setups and truth.json; everything follows from effect and seed. Several effects are
+    joined by "+"."""
     rng = np.random.default_rng([seed, sum(map(ord, effect))])
     folder = pathlib.Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    healthy = measured(nominal(model), rng)
-    plant, sensors, sizes = hide(effect, healthy, rng)
+    plant = measured(nominal(model), rng)
+    sensors, sizes = {"offset": np.zeros(4), "gain": np.ones(4), "low_pass": 0.0, "delay": 0.0}, {}
+    for name in effect.split("+"):
+        plant, changed, numbers = hide(name, plant, rng)
+        sensors, sizes = sensors | changed, sizes | numbers
     rate, every = RATES[rng.integers(len(RATES))]
     step = 10 ** rng.uniform(-5, -3) * rng.uniform(0.5, 2, 4)
     noise = ["white", "coloured", "quantised"][seed % 3]

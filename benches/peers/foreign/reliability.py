@@ -16,6 +16,12 @@ How an answer is judged, written down before the first diagnosis:
   if the program adds "and something else" to a name.
 - A law outside the catalogue hidden: right if the verdict is `unknown`, with or without a name next to it; `none` is a miss, a
   name alone is `wrong`.
+- Two effects of the catalogue hidden: `named` if exactly these two are named and the verdict is not `ambiguous`; `set` if two
+  are in question and the sets of them and their indistinguishable ones contain one hidden effect each; `one` if all that is
+  named, or in question, is one of the two; `wrong` if something is named that is not there. "And something else", the verdict
+  `unknown` with names, does not change the grade. Without a name `unknown` and `none` are misses.
+- An effect of the catalogue and a law outside it hidden: `right` if the effect alone is named (or in a set) and the program says
+  that something else is missing, `one` if only one of both is said.
 - A claim is a verdict that names (`effect`, `several`, `ambiguous`), with the smallest probability of the named effects. It
   is true if the answer is right in the sense above; for `ambiguous` the probability of the set is the sum over its members.
 - `undecided` (the time was up), `refused` (the check of the recording stops the command) and `failed` (exit status, no
@@ -32,6 +38,8 @@ import subprocess
 import time
 import warnings
 
+import numpy as np
+
 warnings.filterwarnings("ignore")
 
 EFFECTS = """viscous_curve drive_stribeck drive_coulomb_asymmetry cogging torque_gain_error joint_zero_offset
@@ -40,13 +48,25 @@ torque_filter signal_delay unknown_bumps unknown_crosstalk""".split()
 KEPT = "verdict sentence indistinguishable left unknown_beside sampling_lag not_tried noise_floor rms_before rms_after too_few".split()
 
 
-def plan(nulls, each, first):
-    """Names and seeds, nulls and effects by turns, so that an interrupted run has both."""
-    ones = [("none", s) for s in range(first, first + nulls)]
-    others = [(name, s) for s in range(first, first + each) for name in EFFECTS]
-    position = lambda k, n: (k + 0.5) / n
-    jobs = [(position(k, nulls), job) for k, job in enumerate(ones)] + [(position(k, len(others)), job) for k, job in enumerate(others)]
-    return [job for _, job in sorted(jobs)]
+def pair(seed, mixed):
+    """Two effects of the catalogue, or one and a law outside it, drawn by the seed."""
+    known = [name for name in EFFECTS if not name.startswith("unknown")]
+    unknown = [name for name in EFFECTS if name.startswith("unknown")]
+    rng = np.random.default_rng([seed, mixed])
+    one, other = rng.choice(known, 2, replace=False)
+    return f"{one}+{rng.choice(unknown) if mixed else other}"
+
+
+def plan(options):
+    """Names and seeds, the kinds by turns, so that an interrupted run has all."""
+    seeds = lambda count: range(options.first, options.first + count)
+    kinds = [
+        [("none", s) for s in seeds(options.nulls)],
+        [(name, s) for s in seeds(options.each) for name in EFFECTS],
+        [(pair(s, False), s) for s in seeds(options.pairs)],
+        [(pair(s, True), s) for s in seeds(options.mixed)],
+    ]
+    return [job for _, job in sorted(((k + 0.5) / len(jobs), job) for jobs in kinds for k, job in enumerate(jobs))]
 
 
 def ask(program, model, folder, limit):
@@ -81,7 +101,7 @@ def run(options):
     program = str(pathlib.Path(options.program).resolve())
     digest = hashlib.sha256(pathlib.Path(program).read_bytes()).hexdigest()[:12]
     done = {(a["effect"], a["seed"]) for a in read(data)}
-    for effect, seed in plan(options.nulls, options.each, options.first):
+    for effect, seed in plan(options):
         if (effect, seed) in done:
             continue
         folder = data / f"{effect}-{seed}"
@@ -128,6 +148,8 @@ def judge(a):
     if effect.startswith("unknown"):
         return {"unknown": "right", "none": "none"}.get(verdict, "wrong")
     groups, names = sets(a), [e["name"] for e in a["effects"]]
+    if "+" in effect:
+        return judge_pair(effect.split("+"), groups, a)
     if verdict == "unknown" or not names:
         return "none" if verdict == "none" else "unknown"
     if names == [effect] and verdict != "ambiguous":
@@ -135,6 +157,20 @@ def judge(a):
     if len(groups) == 1 and effect in groups[0]:
         return "set"
     return "among" if any(effect in g for g in groups) else "wrong"
+
+
+def judge_pair(hidden, groups, a):
+    """The grade of an answer about two hidden effects, the second of which may be outside the catalogue."""
+    known = {name for name in hidden if not name.startswith("unknown")}
+    if not groups:
+        return "one" if a["verdict"] == "unknown" and len(known) == 1 else a["verdict"]
+    if not all(group & known for group in groups):
+        return "wrong"
+    if len(groups) < len(known) or not known <= set().union(*groups):
+        return "one"
+    if len(known) == 1:
+        return "right" if a["verdict"] == "unknown" or a["unknown_beside"] else "one"
+    return "set" if a["verdict"] == "ambiguous" else "named"
 
 
 def claim(a):
@@ -188,10 +224,11 @@ def table(options):
         good = [judge(a) in ("named", "set", "right") for a in here]
         hidden = [judge(a) in ("named", "set", "right") for a in here if a["effect"] != "none"]
         print(f"| {low:.2f}–{min(high, 1):.2f} | {rate(sum(good), len(good))} | {rate(sum(hidden), len(hidden))} |")
-    grades = ["named", "set", "among", "right", "unknown", "none", "wrong"]
-    print("\n| hidden | " + " | ".join(grades) + " | taken for |\n|---|" + "---|" * (len(grades) + 1))
-    for name in EFFECTS:
-        here = [a for a in counted if a["effect"] == name]
+    grades = ["named", "set", "among", "one", "right", "unknown", "none", "wrong"]
+    print("\n| hidden | " + " | ".join(grades) + " | mistaken for |\n|---|" + "---|" * (len(grades) + 1))
+    pairs = {"two effects": lambda e: "+" in e and "unknown" not in e, "effect + law outside": lambda e: "+unknown" in e}
+    for name, holds in [(name, lambda e, name=name: e == name) for name in EFFECTS] + list(pairs.items()):
+        here = [a for a in counted if holds(a["effect"])]
         count = collections.Counter(judge(a) for a in here)
         taken = collections.Counter("+".join(e["name"] for e in a["effects"]) for a in here if judge(a) in ("wrong", "among"))
         print(f"| `{name}` | " + " | ".join(str(count[g] or "–") for g in grades) + " | " + ", ".join(f"{k} {v}" for k, v in taken.items()) + " |")
@@ -205,6 +242,8 @@ def main():
     parser.add_argument("--model", default="models/irb360-6-1600.toml")
     parser.add_argument("--nulls", type=int, default=200)
     parser.add_argument("--each", type=int, default=7)
+    parser.add_argument("--pairs", type=int, default=0, help="robots with two effects of the catalogue")
+    parser.add_argument("--mixed", type=int, default=0, help="robots with an effect and a law outside the catalogue")
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--time-limit", type=int, default=900, help="of one diagnosis, s")
     parser.add_argument("--keep", action="store_true", help="keep the recordings of right answers as well")
