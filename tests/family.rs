@@ -7,6 +7,7 @@ use deltatwin::identification::consistency::min_eigenvalue;
 use deltatwin::identification::fit::Options;
 use deltatwin::identification::{Dataset, NoiseLevel, fit, limb_test, predict};
 use deltatwin::kinematics::{JointState, PlatformState};
+use deltatwin::machine::bodies::{END_EFFECTOR, arm};
 use deltatwin::machine::{Actuator, Mechanism, Setup};
 use deltatwin::model::Model;
 use deltatwin::recording::Channel;
@@ -285,6 +286,53 @@ fn bodies_of_relatives_move_as_their_poses_do() {
             moved > 2.0 && worst[..2].iter().all(|w| *w < 2e-4) && worst[2..].iter().all(|w| *w < 2e-2),
             "{worst:?}"
         );
+    }
+}
+
+/// Play of the balls opposes to a motion the inertia of all that it displaces, as longer struts displace it while the drives are
+/// locked: the platform or the parts of a plate, and passive arms.
+#[test]
+fn play_of_the_balls_displaces_the_plates_of_relatives() {
+    const PLAY: f64 = 1e-3;
+    for name in RELATIVES {
+        let (mut robot, scenario, _) = shipped_motion(name);
+        robot.effects.clear();
+        let plain = Plant::new(&robot, &scenario.setup);
+        let joints = smooth(&plain, 0.2);
+        let motion = plain.motion(&joints).unwrap();
+        let state: Vec<f64> = (0..3 * motion.struts()).map(|k| (1.7 * k as f64).sin()).collect();
+        let rate = |s: usize| (state[3 * s] - 2.0 * state[3 * s + 1] + state[3 * s + 2]) / 4e-3f64.powi(2);
+        let mut moved = motion;
+        for limb in 0..motion.limbs {
+            let elongation = 0.25 * PLAY * (rate(2 * limb) + rate(2 * limb + 1));
+            let [shorter, longer] = [-1e-6, 1e-6].map(|length| {
+                let mut other = robot.clone();
+                other.geometry.limbs[limb].strut_length += length;
+                Plant::new(&other, &scenario.setup).motion(&joints).unwrap()
+            });
+            let is_displaced = |b: &usize| {
+                robot.mechanism.is_part_of_plate(*b)
+                    || *b == END_EFFECTOR
+                    || (motion.driven..motion.limbs).any(|i| *b == arm(i))
+            };
+            for body in (0..motion.bodies.len()).filter(is_displaced) {
+                let [a, b] = [&shorter, &longer].map(|m| &m.bodies[body]);
+                let turned = (b.rotation - a.rotation) * motion.bodies[body].rotation.transpose();
+                let turned = Vector3::new(turned[(2, 1)], turned[(0, 2)], turned[(1, 0)]);
+                moved.bodies[body].acceleration += (b.position - a.position) / 2e-6 * elongation;
+                moved.bodies[body].angular_acceleration += turned / 2e-6 * elongation;
+            }
+        }
+        let effect = find("ball_socket_clearance").unwrap();
+        robot.effects.push(ActiveEffect::new(effect, &[&vec![PLAY; motion.limbs], &[10.0], &[4e-3]]));
+        let with = Plant::new(&robot, &scenario.setup);
+        let [still, displaced] = [motion, moved].map(|m| inverse_dynamics(&plain, 0.0, &m, &[], true).unwrap());
+        let played = inverse_dynamics(&with, 0.0, &motion, &[&state], true).unwrap();
+        let worst = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let gaps = [worst(&played.tau, &displaced.tau), worst(&played.reactions.lower, &displaced.reactions.lower)];
+        let size = [worst(&played.tau, &still.tau), worst(&played.reactions.lower, &still.reactions.lower)];
+        println!("{name}: {gaps:?} of {size:?}");
+        assert!(gaps.iter().zip(size).all(|(gap, size)| size > 1.0 && *gap < 1e-6 * size), "{name}: {gaps:?} {size:?}");
     }
 }
 

@@ -145,7 +145,7 @@ fn effects_act_on_nothing_but_the_parts_they_name() {
             Part::Axis4 | Part::FourthDrive => b == ROTOR,
             // Weight is checked below: every body, in proportion to its mass.
             Part::Weight => true,
-            Part::Linkage | Part::ArmDrives | Part::FreeStruts => b <= END_EFFECTOR,
+            Part::Linkage | Part::ArmDrives | Part::Delta => b <= END_EFFECTOR,
             Part::Telescope => b >= END_EFFECTOR,
             Part::TurningAxis => b == 0,
         };
@@ -180,7 +180,7 @@ fn effects_act_on_nothing_but_the_parts_they_name() {
         effect.inertia(&active.values(), &payload().payload, &mut |_, b, _| refuse(b));
         let mut geometry = plant.geometry;
         effect.geometry(&active.values(), &mut geometry);
-        let on_struts = matches!(effect.acts_on(), Part::Linkage | Part::FreeStruts);
+        let on_struts = matches!(effect.acts_on(), Part::Linkage | Part::Delta);
         assert!(geometry == plant.geometry || on_struts, "{name}");
     }
 }
@@ -299,6 +299,7 @@ fn instant<'a>(
     Instant {
         t: 0.0,
         motion,
+        geometry: &plant.geometry,
         bodies: &plant.bodies,
         payload: &plant.payload,
         gravity: plant.gravity,

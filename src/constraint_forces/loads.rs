@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 
 use super::{Loads, Multipliers, Statics};
-use crate::dynamics::{Plant, Twist, borne, loaded_wrenches};
-use crate::kinematics::{KinematicsError, Motion};
+use crate::dynamics::{Plant, borne, loaded_wrenches};
+use crate::kinematics::{KinematicsError, Motion, Twist};
 use crate::machine::bodies::{self, END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::machine::six_struts;
 

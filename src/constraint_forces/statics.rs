@@ -7,8 +7,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::{Detail, MULTIPLIERS, Multipliers};
-use crate::dynamics::Twist;
-use crate::kinematics::{KinematicsError, Motion};
+use crate::kinematics::{KinematicsError, Motion, Twist};
 use crate::machine::bodies::{self, END_EFFECTOR, PLATFORM};
 use crate::machine::{SixStruts, ThreeArms, six_struts, three_arms};
 

@@ -6,19 +6,11 @@
 
 use nalgebra::{Matrix4, Matrix6, Matrix6x3, Vector3, Vector6};
 
-use super::plate::PlateMotions;
-use crate::kinematics::{Closed, KinematicsError, Motion};
+use crate::kinematics::{Closed, KinematicsError, Motion, PlateMotions, STILL, Twist};
 use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, strut};
 use crate::machine::plate::{MAX_PARTS, PartPlace};
 use crate::machine::{Bodies, Geometry, Inertia, PerLimb, each, six_struts};
 use crate::recording::Channel;
-
-/// Twist (velocity of the frame origin, angular velocity) or wrench (force, moment about the origin) of a body,
-/// inertial axes.
-pub type Twist = (Vector3<f64>, Vector3<f64>);
-
-/// Zero twist or wrench.
-pub(crate) const STILL: Twist = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0.));
 
 /// Twists of all bodies per unit of each channel's virtual motion.
 pub struct ChannelMap {

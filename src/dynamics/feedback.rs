@@ -7,11 +7,11 @@
 
 use nalgebra::DMatrix;
 
-use super::channels::{ChannelMap, STILL, Twist};
+use super::channels::ChannelMap;
 use super::inverse::add_effects;
 use super::reduction::Reduction;
 use super::{Output, Plant};
-use crate::kinematics::{KinematicsError, Motion};
+use crate::kinematics::{KinematicsError, Motion, STILL, Twist};
 use crate::machine::bodies::SLOTS;
 use crate::recording::Channel;
 

@@ -2,11 +2,11 @@
 
 use nalgebra::{DMatrix, SVector, Vector3};
 
-use super::channels::{ChannelMap, Twist};
+use super::channels::ChannelMap;
 use super::reduction::Reduction;
-use super::{Plant, STILL, inertial_wrench};
+use super::{Plant, inertial_wrench};
 use crate::effects::{ActiveEffect, Instant, Wrenches};
-use crate::kinematics::{KinematicsError, Motion, Reactions};
+use crate::kinematics::{KinematicsError, Motion, Reactions, STILL, Twist};
 use crate::machine::bodies::{SLOTS, strut};
 use crate::machine::{PerAxis, PerSocket, each, every_axis, struts_from};
 use crate::numerics::{Anderson, worst};

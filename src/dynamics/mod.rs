@@ -10,11 +10,9 @@ mod inverse;
 mod newton_euler;
 mod parameters;
 mod plant;
-mod plate;
 mod reduction;
 
-pub(crate) use channels::STILL;
-pub use channels::{ChannelMap, Twist};
+pub use channels::ChannelMap;
 pub(crate) use feedback::Feedback;
 pub(crate) use inverse::add_regressor;
 pub(crate) use inverse::{
@@ -27,5 +25,4 @@ pub(crate) use newton_euler::accelerated_wrench;
 pub use newton_euler::inertial_wrench;
 pub use parameters::{ParamTable, PlantParameter};
 pub use plant::{Plant, in_configuration, set_parameters};
-pub(crate) use plate::without_prestress;
 pub(crate) use reduction::join_end_effector;

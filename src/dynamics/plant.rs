@@ -4,11 +4,10 @@ use nalgebra::Vector3;
 
 use std::sync::Arc;
 
-use super::channels::Twist;
 use super::{ParamTable, inverse_dynamics};
 use crate::effects::rigid_bodies::RigidBodies;
 use crate::effects::{ActiveEffect, Host, Instant, Kind};
-use crate::kinematics::{Closed, JointState, KinematicsError, Motion, Reactions, SocketSet};
+use crate::kinematics::{Closed, JointState, KinematicsError, Motion, Reactions, SocketSet, Twist};
 use crate::machine::bodies::{ARM, Bodies, END_EFFECTOR, PLATFORM, ROTOR, SLOTS};
 use crate::machine::{
     Configuration, Geometry, Inertia, LinkParameters, Load, Mechanism, Part, Payload, Setup, Stops, each,
@@ -227,6 +226,7 @@ impl Plant {
         Instant {
             t,
             motion,
+            geometry: &self.geometry,
             bodies: &self.bodies,
             payload: &self.payload,
             gravity: self.gravity,

@@ -6,10 +6,9 @@
 
 use nalgebra::{Vector3, Vector6};
 
-use super::channels::{Three, Twist};
-use super::plate::PlateMotions;
-use super::{Output, STILL};
-use crate::kinematics::{KinematicsError, Motion, Reactions};
+use super::Output;
+use super::channels::Three;
+use crate::kinematics::{KinematicsError, Motion, PlateMotions, Reactions, STILL, Twist};
 use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER, arm, strut};
 use crate::machine::{Geometry, PerAxis, PerLimb, TELESCOPE_AXIS, each, may_have_telescope};
 

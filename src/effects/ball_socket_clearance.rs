@@ -1,14 +1,13 @@
 //! Play of the balls in worn cups, felt where the load along a strut changes its sign.
 
-use std::ops::AddAssign;
-
-use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+use nalgebra::Vector3;
 
 use super::{
     About, Count, Effect, Instant, InternalStates, Parameter, Part, Reads, Role, Spec, Unit, Values, Wrenches,
 };
-use crate::machine::bodies::{END_EFFECTOR, PLATFORM, TELESCOPE_LOWER};
-use crate::machine::{SixStruts, ThreeArms, each, six_struts};
+use crate::kinematics::{PlateMotions, STILL, SocketSet, Twist};
+use crate::machine::bodies::{END_EFFECTOR, PLATFORM, SLOTS, TELESCOPE_LOWER, arm};
+use crate::machine::{PerLimb, StrutMatrix, StrutVector, each};
 use crate::numerics::tanh;
 
 /// Play g (m) of each strut of a limb along its axis, both sockets together: its length is l₂ + ½·g·x, with x → ±1 under
@@ -18,11 +17,12 @@ use crate::numerics::tanh;
 /// tanh(F/F₀) − x₁, T·ẋ₂ = x₁ − x₂, T·ẋ₃ = x₂ − x₃, with F₀ the force by which a ball moves through its cup. A run or a
 /// recording starts at rest with its first load, x = tanh(F/F₀).
 ///
-/// All quantities of the model are those without play; the platform moves relative to them by p with u_i·p = ½·g_i·x̄_i, x̄
-/// the mean of the struts of a limb and u their direction. The effect is the force −m·p̈ at the centre of the mass m of
-/// platform, end effector and the telescope's lower end, with ẍ = (x₁ − 2·x₂ + x₃)/T². It is of first order in g. The
-/// platform's tilt by the difference of both struts, which no drive feels, is omitted, as are changed lever arms (p/l₂ of
-/// the forces), terms with u̇ and the inertia of the struts.
+/// All quantities of the model are those without play; relative to them, the plate moves with its parts and the passive
+/// arms as locked drives permit it while the struts of each limb elongate by ½·g_i·x̄_i, x̄ their mean. On three limbs the
+/// platform translates by p with u_i·p = ½·g_i·x̄_i, u the direction of the struts. The effect is what their inertia, and the
+/// mass of the telescope's lower end, oppose to the accelerations of these displacements, with ẍ = (x₁ − 2·x₂ + x₃)/T². It
+/// is of first order in g. The tilt by the difference of both struts, which no drive feels, is omitted, as are changed
+/// lever arms (p/l₂ of the forces), terms with rates and the inertia of the struts.
 ///
 /// Over a cycle the struts take ∮ F·de ≥ 0 with e = ½·g·x: nothing while x follows F at once, for then F·de is the
 /// differential of a potential, and more than nothing by the lags.
@@ -40,19 +40,19 @@ const LAGS: usize = 3;
 const FORGOTTEN: f64 = 25.0;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter::new("gap", Unit::M, Role::Linear, 5e-4, (0.0, 5e-3)).counted(Count::PerArm),
+    Parameter::new("gap", Unit::M, Role::Linear, 5e-4, (0.0, 5e-3)).counted(Count::PerLimb),
     Parameter::new("force", Unit::N, Role::Fixed, 10.0, (0.5, 1e3)),
     Parameter::new("time", Unit::S, Role::Fixed, 4e-3, (5e-4, 0.1)),
 ];
 
 static SPEC: Spec = Spec::new(
     "ball_socket_clearance",
-    Part::FreeStruts,
+    Part::Linkage,
     About {
         summary: "play of the balls in their cups along the struts",
         law: "length l₂ + ½·g_i·x, x → tanh(F/F₀) by three lags of T; force −m·p̈ on the platform, u_i·p = ½·g_i·x̄_i",
         shows: "short pulses of all arm torques where the load of a strut changes its sign, none elsewhere",
-        source: "loop closure with six elongations; g: rings of the sockets wear by 0.1–1 mm (ABB manual); F₀, T estimates",
+        source: "loop closure with elongated struts; g: rings of the sockets wear by 0.1–1 mm (ABB manual); F₀, T estimates",
     },
     PARAMETERS,
 )
@@ -69,56 +69,79 @@ fn acceleration(state: &[f64], strut: usize, time: f64) -> f64 {
     (first - 2.0 * second + third) / (time * time)
 }
 
-/// Acceleration of the platform per unit of g for ẍ of both struts of each limb, m/s²; `None` where the struts do not hold the
-/// platform, or with an open socket.
-fn accelerations(at: &Instant, rates: &SixStruts<f64>) -> Option<ThreeArms<Vector3<f64>>> {
-    let axes: ThreeArms<_> = std::array::from_fn(|i| at.motion.strut_axis[2 * i].transpose());
-    let inverse =
-        Matrix3::from_rows(&axes).try_inverse().filter(|_| at.closed.iter().count() == 2 * six_struts().len())?;
-    Some(std::array::from_fn(|i| inverse.column(i) * (0.25 * (rates[2 * i] + rates[2 * i + 1]))))
+/// Virtual motions of the plate; `None` where the struts do not hold it, or with an open socket.
+fn motions(at: &Instant) -> Option<PlateMotions> {
+    let all = SocketSet::of(at.motion.struts());
+    PlateMotions::new(at.geometry, at.motion).ok().filter(|_| at.closed == all)
 }
 
-/// Forces (N) and moments (N·m), about their origins, that accelerate the platform with the telescope's lower end, and the end
-/// effector, by `acceleration`, m/s².
-fn inertial(at: &Instant, acceleration: &Vector3<f64>) -> [(usize, Vector3<f64>, Vector3<f64>); 2] {
-    let first = |body: usize| at.motion.bodies[body].rotation * at.bodies[body].first_moment;
-    let hanging = at.bodies[TELESCOPE_LOWER].mass;
-    let hook = at.motion.bodies[TELESCOPE_LOWER].position - at.motion.bodies[PLATFORM].position;
-    let masses = [
-        (PLATFORM, at.bodies[PLATFORM].mass + hanging, first(PLATFORM) + hook * hanging),
-        (END_EFFECTOR, at.bodies[END_EFFECTOR].mass, first(END_EFFECTOR)),
-    ];
-    masses.map(|(body, mass, first)| (body, acceleration * mass, first.cross(acceleration)))
+/// Forces and moments (per m/s² of elongation of both struts of `limb`, about the origins) that accelerate the displaced bodies.
+fn resistance(at: &Instant, motions: &PlateMotions, limb: usize) -> [Twist; SLOTS] {
+    let mut xi = [STILL; SLOTS];
+    let mut arms: PerLimb<f64> = each(0.0);
+    motions.spread(&(motions.gap(2 * limb) + motions.gap(2 * limb + 1)), &mut arms, &mut xi);
+    if !at.geometry.plate.bodies().contains(&END_EFFECTOR) {
+        let (v, omega) = xi[PLATFORM];
+        xi[END_EFFECTOR] = (v + omega.cross(&lever(at, END_EFFECTOR)), omega);
+    }
+    for limb in at.motion.driven..at.motion.limbs {
+        let screw = at.motion.arm_screw(limb);
+        xi[arm(limb)] = (screw.linear * arms[limb], screw.angular * arms[limb]);
+    }
+    let mut out = [STILL; SLOTS];
+    for (body, (linear, alpha)) in xi.iter().enumerate().filter(|(_, twist)| **twist != STILL) {
+        let (inertia, rotation) = (&at.bodies[body], &at.motion.bodies[body].rotation);
+        let h = rotation * inertia.first_moment;
+        let turning = rotation * (inertia.tensor * rotation.tr_mul(alpha));
+        out[body] = (linear * inertia.mass + alpha.cross(&h), h.cross(linear) + turning);
+    }
+    let hung = xi[PLATFORM].0 * at.bodies[TELESCOPE_LOWER].mass;
+    out[PLATFORM].0 += hung;
+    out[PLATFORM].1 += lever(at, TELESCOPE_LOWER).cross(&hung);
+    out
 }
 
-/// Forces that the struts lose per ẍ of each strut, N·s², without those by the pull of the telescope, which takes the moment about the end
-/// effector's axis.
-fn relief(values: &Values, at: &Instant) -> Matrix6<f64> {
-    let mut out = Matrix6::zeros();
-    let parts = accelerations(at, &each(1.0)).zip(at.motion.gap_twists());
-    let Some((units, gaps)) = parts else { return out };
+/// From the origin of the platform to that of a body, m.
+fn lever(at: &Instant, body: usize) -> Vector3<f64> {
+    at.motion.bodies[body].position - at.motion.bodies[PLATFORM].position
+}
+
+/// Forces that the struts lose per ẍ of each strut, N·s², without those by the pull of the telescope, which takes the moment
+/// about the end effector's axis.
+fn relief(values: &Values, at: &Instant) -> StrutMatrix {
+    let mut out = StrutMatrix::zeros();
+    let Some(motions) = motions(at) else { return out };
+    let parts = at.geometry.plate.bodies();
     let pivot = at.motion.bodies[PLATFORM].rotation.column(2).into_owned();
-    for (limb, unit) in units.iter().enumerate() {
-        for (body, force, moment) in inertial(at, &(unit * (0.5 * values.block(GAP)[limb]))) {
-            let lever = at.motion.bodies[body].position - at.motion.bodies[PLATFORM].position;
-            let free = if body == END_EFFECTOR { pivot * pivot.dot(&moment) } else { Vector3::zeros() };
-            let moment = moment - free + lever.cross(&force);
-            let taken = gaps.tr_mul(&Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z));
-            out.column_mut(2 * limb).add_assign(&taken);
-            out.column_mut(2 * limb + 1).add_assign(&taken);
+    for limb in 0..at.motion.limbs {
+        let mut wrenches = resistance(at, &motions, limb);
+        if !parts.contains(&END_EFFECTOR) {
+            let (force, moment) = wrenches[END_EFFECTOR];
+            let free = if at.geometry.has_end_effector() { pivot * pivot.dot(&moment) } else { STILL.1 };
+            wrenches[PLATFORM].0 += force;
+            wrenches[PLATFORM].1 += moment - free + lever(at, END_EFFECTOR).cross(&force);
         }
+        let mut arms: PerLimb<f64> = each(0.0);
+        for limb in at.motion.driven..at.motion.limbs {
+            arms[limb] = at.motion.arm_screw(limb).effort(&wrenches[arm(limb)]);
+        }
+        let taken = motions.balance(&wrenches, &arms) * (0.25 * values.block(GAP)[limb]);
+        out.set_column(2 * limb, &taken);
+        out.set_column(2 * limb + 1, &taken);
     }
     out
 }
 
 /// ẍ of all struts, 1/s².
-fn all_rates(state: &[f64], time: f64) -> Vector6<f64> {
-    Vector6::from_fn(|s, _| acceleration(state, s, time))
+fn all_rates(state: &[f64], time: f64) -> StrutVector {
+    let mut rates = StrutVector::zeros();
+    (0..state.len() / LAGS).for_each(|s| rates[s] = acceleration(state, s, time));
+    rates
 }
 
 /// Rates of the states under the forces F of the struts, N.
 fn rates(values: &Values, state: &[f64], force: impl Fn(usize) -> f64, rate: &mut [f64]) {
-    for strut in six_struts() {
+    for strut in 0..state.len() / LAGS {
         let mut input = tanh(force(strut) / values.one(FORCE));
         for (k, x) in lags(state, strut).into_iter().enumerate() {
             rate[LAGS * strut + k] = (input - x) / values.one(TIME);
@@ -133,10 +156,14 @@ impl Effect for BallSocketClearance {
     }
 
     fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
-        let rates = std::array::from_fn(|s| acceleration(at.state, s, values.one(TIME)));
-        for (limb, acceleration) in accelerations(at, &rates).into_iter().flatten().enumerate() {
-            for (body, force, moment) in inertial(at, &acceleration) {
-                out.wrench(values.index(GAP, limb), body, -force, -moment);
+        let Some(motions) = motions(at) else { return };
+        let rate = |strut: usize| acceleration(at.state, strut, values.one(TIME));
+        for limb in 0..at.motion.limbs {
+            let share = -0.25 * (rate(2 * limb) + rate(2 * limb + 1));
+            for (body, (force, moment)) in resistance(at, &motions, limb).into_iter().enumerate() {
+                if force != STILL.0 || moment != STILL.1 {
+                    out.wrench(values.index(GAP, limb), body, force * share, moment * share);
+                }
             }
         }
     }
@@ -147,8 +174,8 @@ impl Effect for BallSocketClearance {
 }
 
 impl InternalStates for BallSocketClearance {
-    fn initial_state(&self, _values: &Values) -> Vec<f64> {
-        vec![0.0; LAGS * six_struts().len()]
+    fn initial_state(&self, values: &Values) -> Vec<f64> {
+        vec![0.0; LAGS * 2 * values.block(GAP).len()]
     }
 
     fn reads_reactions(&self) -> bool {
@@ -162,7 +189,7 @@ impl InternalStates for BallSocketClearance {
 
     fn steady_state(&self, values: &Values, at: &Instant) -> Vec<f64> {
         let side = |strut: usize| [tanh(at.reactions.lower[strut] / values.one(FORCE)); LAGS];
-        six_struts().flat_map(side).collect()
+        (0..2 * values.block(GAP).len()).flat_map(side).collect()
     }
 
     /// Along a motion the forces without the relief by ẍ are known; it may be so strong that x follows within microseconds.
@@ -174,7 +201,7 @@ impl InternalStates for BallSocketClearance {
         }
         let relief = relief(values, to);
         let own = |at: &Instant| {
-            let felt = Vector6::from_fn(|s, _| at.reactions.lower[s]);
+            let felt = StrutVector::from(at.reactions.lower);
             felt + self::relief(values, at) * all_rates(at.state, time)
         };
         let (before, after) = (own(from), own(to));
@@ -210,12 +237,13 @@ impl InternalStates for BallSocketClearance {
 mod tests {
     use std::sync::Arc;
 
+    use nalgebra::Matrix3;
+
     use super::*;
     use crate::dynamics::{Plant, inverse_dynamics};
     use crate::effects::{ActiveEffect, testing};
     use crate::kinematics::{JointState, Motion, Reactions};
-    use crate::machine::bodies::SLOTS;
-    use crate::machine::{Bodies, Inertia, Payload, Setup};
+    use crate::machine::{Bodies, Inertia, Payload, Setup, ThreeArms, six_struts};
 
     const PLAY: [&[f64]; 3] = [&[2e-4; 3], &[10.0], &[4e-3]];
 
@@ -269,7 +297,7 @@ mod tests {
         let played = inverse_dynamics(&with, 0.0, &motion, &[&state], true).unwrap();
         assert!(played.change(&still) > 1.0);
         assert!(played.tau.iter().zip(expected.tau).all(|(a, b)| (a - b).abs() < 1e-9));
-        let mut relieved = Vector6::zeros();
+        let mut relieved = StrutVector::zeros();
         for s in six_struts() {
             approx::assert_relative_eq!(played.reactions.lower[s], expected.reactions.lower[s], epsilon = 1e-9);
             relieved[s] = still.reactions.lower[s] - played.reactions.lower[s];

@@ -160,6 +160,7 @@ mod tests {
         read(&Instant {
             t,
             motion,
+            geometry: &crate::machine::testing::geometry(),
             bodies,
             payload: &Payload::default(),
             gravity: 9.81,

@@ -129,6 +129,7 @@ mod tests {
         let at = Instant {
             t: 0.0,
             motion,
+            geometry: &crate::machine::testing::geometry(),
             bodies: &testing::no_bodies(),
             payload,
             gravity: 9.81,

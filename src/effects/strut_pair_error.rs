@@ -18,7 +18,7 @@ const PARAMETERS: &[Parameter] =
 
 static SPEC: Spec = Spec::new(
     "strut_pair_error",
-    Part::FreeStruts,
+    Part::Delta,
     About {
         summary: "the two struts of a limb differ in length, so that the platform tilts",
         law: "l₂ ± δ_i/2 for the first and the second strut of a pair; tilt θ: (v_i × u_i)·θ = δ_i/d_i",

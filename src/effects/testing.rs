@@ -43,6 +43,7 @@ pub(super) fn wrenches_with(
         &Instant {
             t: 0.0,
             motion,
+            geometry: &crate::machine::testing::geometry(),
             bodies,
             payload: &Payload::default(),
             gravity: 9.81,
@@ -62,6 +63,7 @@ pub(super) fn wrenches_in_state(effect: &dyn Effect, motion: &Motion, state: &[f
         &Instant {
             t: 0.0,
             motion,
+            geometry: &crate::machine::testing::geometry(),
             bodies: &bodies,
             payload: &Payload::default(),
             gravity: 9.81,
@@ -79,6 +81,7 @@ pub(super) fn at(motion: &Motion, state: &[f64], read: impl FnOnce(&Instant)) {
     read(&Instant {
         t: 0.0,
         motion,
+        geometry: &crate::machine::testing::geometry(),
         bodies: &no_bodies(),
         payload: &Payload::default(),
         gravity: 9.81,
@@ -130,6 +133,7 @@ pub(super) fn carrying(
     let at = Instant {
         t: 0.0,
         motion,
+        geometry: &crate::machine::testing::geometry(),
         bodies: &bodies,
         payload: &payload,
         gravity: 9.81,

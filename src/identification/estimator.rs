@@ -17,6 +17,7 @@ pub const PRIOR_INFORMATION: f64 = 1e-2;
 const STRETCHES: usize = 30;
 
 /// Normal equations with the prior, in units of the parameters' own sizes.
+#[derive(Clone)]
 pub struct Estimator {
     size: DVector<f64>,
     /// YᵀWY.

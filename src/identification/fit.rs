@@ -7,6 +7,7 @@
 
 mod answer;
 mod error;
+mod feasible;
 mod gauss_newton;
 mod possible;
 mod regression;
@@ -16,11 +17,9 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
-use self::gauss_newton::Solution;
-use self::possible::Possible;
+use self::feasible::Feasible;
 use self::regression::Regression;
 use super::base_parameters::Structure;
-use super::consistency::complete;
 use super::normal_equations::{NormalEquations, UNIT_WEIGHTS};
 use super::prediction::{KeptColumns, is_local};
 use super::regularisation::GroupWeight;
@@ -148,16 +147,17 @@ pub fn fit_with(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options
     if options.robust || regression.is_clean() {
         solution = regression.reweighted(solution, options.robust)?;
     }
+    let estimated = regression.estimated(&solution.model);
+    let possible = regression.possible(&estimated, &solution.estimator.curvature());
+    let (solution, possible, settled) = regression.settled(solution, possible)?;
     let normal = &solution.normal;
     let estimated = regression.estimated(&solution.model);
     let covariance = solution.estimator.covariance(normal, regression.white);
     let structure = Structure::new(&normal.rows, normal.stride, &regression.size, regression.information);
     let base = structure.base_parameters(&estimated, &regression.size, &covariance);
-    let possible = regression.possible(&estimated, &solution.estimator.curvature());
     let said = regression.said(normal, &base, (&estimated, &possible.values), &covariance);
     let impossible = regression.impossible(&estimated, &covariance);
-    let Solution { model: mut fitted, normal, .. } = solution;
-    let residuals = regression.take(&mut fitted, &possible, normal.residuals)?;
+    let Feasible { model: mut fitted, residuals } = settled;
     fitted.assembled = model.assembled;
     Ok(Fit {
         model: fitted,
@@ -278,24 +278,6 @@ impl Regression<'_> {
         with.sort_unstable();
         with.dedup();
         if with.is_empty() { Reason::Uncertain(std / self.size[i]) } else { Reason::OnlyTogether(with) }
-    }
-
-    /// Sets the consistent values in `model` and returns its residuals, which are those at the estimate if no value was
-    /// corrected.
-    fn take(
-        &self,
-        model: &mut Model,
-        possible: &Possible,
-        at_estimate: Arc<Residuals>,
-    ) -> Result<Arc<Residuals>, FitError> {
-        self.set(model, &possible.values.rows(0, self.free.len()).into_owned());
-        // The first owner is the links; a payload is not part of the machine.
-        let links: Vec<_> = possible.classes.iter().filter(|c| c.owner == 0).cloned().collect();
-        let stayed = complete(&links, &possible.values, &mut model.bodies);
-        match possible.correction.is_none() && stayed {
-            true => Ok(at_estimate),
-            false => Ok(Arc::new(self.residuals(model)?)),
-        }
     }
 }
 

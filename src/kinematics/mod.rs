@@ -7,6 +7,7 @@ mod closure;
 pub mod delta;
 mod home;
 pub mod motion;
+mod plate;
 mod telescope;
 mod tilt;
 
@@ -15,5 +16,7 @@ pub use arm::Screw;
 pub(crate) use closure::Closed;
 pub use delta::{JointState, KinematicsError, LawFault, PlatformState, Target};
 pub use home::Home;
-pub use motion::{BodyMotion, Motion, Reactions, SocketSet};
+pub(crate) use motion::STILL;
+pub use motion::{BodyMotion, Motion, Reactions, SocketSet, Twist};
+pub(crate) use plate::{PlateMotions, without_prestress};
 pub use telescope::{HookeJoint, Telescope};

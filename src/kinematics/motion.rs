@@ -115,6 +115,13 @@ pub struct Motion {
     pub telescope: Telescope,
 }
 
+/// Twist (velocity of the frame origin, angular velocity) or wrench (force, moment about the origin) of a body,
+/// inertial axes.
+pub type Twist = (Vector3<f64>, Vector3<f64>);
+
+/// Zero twist or wrench.
+pub(crate) const STILL: Twist = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0.));
+
 /// Set of ball sockets, at most two per strut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SocketSet(u16);

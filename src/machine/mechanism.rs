@@ -97,8 +97,8 @@ pub enum Part {
     Weight,
     /// Struts and platform with its load, as a closed linkage.
     Linkage,
-    /// Struts as bodies of their own, whose sockets may open and whose length may change.
-    FreeStruts,
+    /// One platform on three limbs, which may tilt.
+    Delta,
     /// The telescope between its drive and the end effector.
     Telescope,
     /// A single turning axis with what it carries.
@@ -115,7 +115,7 @@ impl Part {
             Self::Axis4 | Self::FourthDrive => "the drive of axis 4",
             Self::Weight => "bodies under gravity",
             Self::Linkage => "struts and platform",
-            Self::FreeStruts => "struts as bodies of their own",
+            Self::Delta => "a platform on three limbs",
             Self::Telescope => "the telescope",
             Self::TurningAxis => "a single turning axis",
             Self::ArmDrives => "the drives of the arms",
@@ -210,7 +210,7 @@ impl Mechanism {
             Part::Linkage => delta && assembled,
             Part::Telescope => self.has_telescope() && assembled,
             Part::TurningAxis => matches!(self, Self::Axis(axis) if axis.joint == Joint::Revolute),
-            Part::FreeStruts => self.is_delta() && assembled,
+            Part::Delta => self.is_delta() && assembled,
             Part::ArmDrives => delta && assembled,
         }
     }

@@ -8,8 +8,8 @@
 use super::PathPoint;
 use super::limits::{self, LOADS};
 use crate::constraint_forces::{Detail, Multipliers, Statics, rigid_loads};
-use crate::dynamics::{Output, Plant, STILL, Twist, add_effects, balance, reads_loads, steady_inverse_dynamics};
-use crate::kinematics::{KinematicsError, Motion};
+use crate::dynamics::{Output, Plant, add_effects, balance, reads_loads, steady_inverse_dynamics};
+use crate::kinematics::{KinematicsError, Motion, STILL, Twist};
 use crate::machine::bodies::SLOTS;
 
 /// Coefficients of the four torques (N·m), λ_E (N·m, N), λ_P and λ_S (N) at a point of a path.

@@ -19,9 +19,11 @@ use super::maximal::{Added, Extra, MAX_ROWS, MaximalCoordinates, Solution as Con
 use super::rod::{self, Rod};
 use super::state::BodyState;
 use super::wrench::{Load, STILL, Twist};
-use crate::dynamics::{Plant, without_prestress};
+use crate::dynamics::Plant;
 use crate::effects::StrutSpring;
-use crate::kinematics::{Arm, BodyMotion, JointState, Motion, Reactions, Screw, SocketSet, Telescope};
+use crate::kinematics::{
+    Arm, BodyMotion, JointState, Motion, Reactions, Screw, SocketSet, Telescope, without_prestress,
+};
 use crate::machine::bodies::{END_EFFECTOR, PLATFORM, ROTOR, SLOTS, TELESCOPE_LOWER, arm, strut};
 use crate::machine::{PerAxis, PerSocket, PerStrut, StrutList, axes_from, every_axis};
 use crate::numerics::with_turns;

@@ -1,8 +1,8 @@
 //! External wrenches.
 
-pub(super) use crate::dynamics::STILL;
-pub use crate::dynamics::Twist;
 use crate::kinematics::Motion;
+pub(super) use crate::kinematics::STILL;
+pub use crate::kinematics::Twist;
 use crate::machine::bodies::SLOTS;
 
 /// External wrenches on all bodies, linear in time.

@@ -20,7 +20,7 @@ use crate::evidence::{self, Assessment, Chosen};
 const FITTED: usize = 3;
 
 /// Least share of the error above the noise that an effect must promise on the fitted data, and explain on the validation
-/// data; and that lines must explain there, which are fainter where a controller is too slow for them.
+/// data; and that lines must explain there on the drives that have them, fainter where a controller is too slow for them.
 const PROMISED: f64 = 0.3;
 const EXPLAINED: f64 = 0.7;
 const BY_LINES: f64 = 0.3;
@@ -69,9 +69,7 @@ impl Search<'_> {
         let named: Vec<usize> = standing.outcome.findings.iter().map(|f| f.chosen.candidate).collect();
         // An effect that does not follow the validation data alone may stand for another one.
         let (is_open, mut all) = match named[..] {
-            [] if judge.leaves_more(&standing.end) => {
-                (true, self.lines(&standing.end).map(|c| (c, BY_LINES * before)).into_iter().collect())
-            }
+            [] if judge.leaves_more(&standing.end) => (true, self.lines(&standing.end).into_iter().collect()),
             [one] => {
                 let least = f64::max((1.0 - OUTDONE) * before, BEYOND_CHANCE * judge.floor.len() as f64);
                 let rivals = if before > least { self.outpromising(one) } else { Vec::new() };
@@ -86,11 +84,14 @@ impl Search<'_> {
         all
     }
 
-    /// Cogging, if the residuals of a drive have a line over the angle of its motor.
-    fn lines(&self, end: &Judged) -> Option<Chosen> {
-        let has_line = || (0..self.judge.floor.len()).any(|c| orders::have_line(end, self.judge, c));
-        let cogging = self.candidates.iter().position(|shapes| shapes[0].effect.name() == cogging::NAME);
-        cogging.filter(|_| has_line()).map(|candidate| Chosen { candidate, variant: 0 })
+    /// Cogging, if the residuals of drives have a line over the angles of their motors, with its least gain: a share of what
+    /// these drives have above the noise.
+    fn lines(&self, end: &Judged) -> Option<(Chosen, f64)> {
+        let cogging = self.candidates.iter().position(|shapes| shapes[0].effect.name() == cogging::NAME)?;
+        let floor = &self.judge.floor;
+        let with_line = (0..floor.len()).filter(|&c| orders::have_line(end, self.judge, c));
+        let above: f64 = with_line.map(|c| (end.rms()[c] / floor[c]).powi(2) - 1.0).sum();
+        (above > 0.0).then_some((Chosen { candidate: cogging, variant: 0 }, BY_LINES * above))
     }
 
     /// Effects that promise most alone, significant or not, best first.

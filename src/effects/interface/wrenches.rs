@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use crate::kinematics::{Motion, Reactions, SocketSet};
 use crate::machine::bodies::{SLOTS, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{Bodies, Joint, Payload, PerAxis};
+use crate::machine::{Bodies, Geometry, Joint, Payload, PerAxis};
 
 /// Quantities on which a force law may depend.
 #[derive(Clone, Copy)]
@@ -14,6 +14,8 @@ pub struct Instant<'a> {
     /// Motion of all bodies and joints; in the twin without accelerations, except for laws that declare them in
     /// `Reads`.
     pub motion: &'a Motion,
+    /// Lengths and limbs of the machine.
+    pub geometry: &'a Geometry,
     /// Total inertia of the bodies, with payload.
     pub bodies: &'a Bodies,
     /// Payload as stated in the setup.

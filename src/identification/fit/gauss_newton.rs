@@ -13,13 +13,14 @@ use crate::identification::estimator::Estimator;
 use crate::identification::normal_equations::{NormalEquations, Weight};
 use crate::model::Model;
 
-const MAX_ITERATIONS: usize = 8;
+pub(super) const MAX_ITERATIONS: usize = 8;
 /// Decrease of the cost that counts as progress, in units of the mean cost of a residual if that exceeds the noise's:
 /// moving a parameter by its standard error changes the cost by about one such unit.
-const PROGRESS: f64 = 0.01;
+pub(super) const PROGRESS: f64 = 0.01;
 /// Successive trials of a step: shares of the curvature along each parameter by which it is damped, and of its length. The
 /// first damping keeps what the data hardly determine, such as all torques of a drive with the factor of its sensor.
-const TRIALS: [(f64, f64); 6] = [(0.0, 1.0), (1e-5, 1.0), (1e-5, 0.25), (1e-5, 0.0625), (1e-5, 0.0156), (1e-5, 0.0039)];
+pub(super) const TRIALS: [(f64, f64); 6] =
+    [(0.0, 1.0), (1e-5, 1.0), (1e-5, 0.25), (1e-5, 0.0625), (1e-5, 0.0156), (1e-5, 0.0039)];
 /// Number of rounds of reweighting.
 const ROUNDS: usize = 4;
 /// Residual, in robust standard deviations, above which it is downweighted: 95 % efficiency for normal noise
@@ -66,7 +67,7 @@ impl Regression<'_> {
         Ok(solution)
     }
 
-    fn linearised(&self, model: Model, weight: Weight) -> Result<Solution, FitError> {
+    pub fn linearised(&self, model: Model, weight: Weight) -> Result<Solution, FitError> {
         let normal = self.normal_equations(&model, weight)?;
         let estimator = Estimator::new(&normal, &self.size, &self.weights).ok_or(FitError::NotFinite)?;
         Ok(Solution { model, normal, estimator })
@@ -132,7 +133,7 @@ impl Regression<'_> {
     }
 
     /// Step of least linearised cost from `values` in which shape parameters change as [`Self::permitted`].
-    fn step(&self, normal: &NormalEquations, estimator: &Estimator, values: &DVector<f64>) -> DVector<f64> {
+    pub fn step(&self, normal: &NormalEquations, estimator: &Estimator, values: &DVector<f64>) -> DVector<f64> {
         let offset = values - &self.prior;
         let mut held: Vec<(usize, f64)> = Vec::new();
         loop {

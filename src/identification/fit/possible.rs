@@ -21,6 +21,8 @@ const SILENT_MASS: f64 = 25.0;
 pub(super) struct Possible {
     /// The estimated parameters, then the masses without a parameter.
     pub values: DVector<f64>,
+    /// The same of the consistent machine before the fit.
+    pub before: DVector<f64>,
     /// Kinds of bodies described by the values.
     pub classes: Vec<BodyClass>,
     pub correction: Option<Correction>,
@@ -33,7 +35,13 @@ impl Regression<'_> {
     pub fn possible(&self, estimated: &[PlantParameter], curvature: &DMatrix<f64>) -> Possible {
         let cost = self.cost_of_leaving(estimated, curvature);
         if cost.allows(&cost.centre) {
-            return Possible { values: cost.centre, classes: cost.classes, correction: None, edges: Vec::new() };
+            return Possible {
+                values: cost.centre,
+                before: cost.start,
+                classes: cost.classes,
+                correction: None,
+                edges: Vec::new(),
+            };
         }
         let convex = match self.consistency {
             Consistency::Cones => cones::minimise(&cost).filter(|c| c.gap <= MAX_GAP * cost.of(&c.x)),
@@ -43,7 +51,13 @@ impl Regression<'_> {
         let gap = convex.as_ref().map(|c| c.gap / cost.of(&c.x));
         let values = convex.map_or_else(|| log_cholesky::minimise(&cost), |c| c.x);
         let correction = Correction { cost: cost.of(&values), gap };
-        let mut possible = Possible { values, classes: cost.classes, correction: Some(correction), edges: Vec::new() };
+        let mut possible = Possible {
+            values,
+            before: cost.start,
+            classes: cost.classes,
+            correction: Some(correction),
+            edges: Vec::new(),
+        };
         if correction.cost > NOTABLE_COST {
             possible.edges = self.edges(estimated, &possible, curvature);
         }

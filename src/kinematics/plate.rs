@@ -10,14 +10,14 @@
 
 use nalgebra::{Cholesky, SVector, U8, Vector3};
 
-use super::channels::{STILL, Twist};
-use crate::kinematics::{KinematicsError, Motion};
+use super::motion::{STILL, Twist};
+use super::{KinematicsError, Motion};
 use crate::machine::bodies::{PLATFORM, SLOTS};
 use crate::machine::plate::MAX_PARTS;
 use crate::machine::{Geometry, PerLimb, PerStrut, StrutList, StrutMatrix, StrutVector, each, every_strut};
 
 /// Rates of, or loads on, the coordinates, at most as many as struts; the ones after the last are zero.
-pub(super) type Coordinates = StrutVector;
+pub(crate) type Coordinates = StrutVector;
 
 /// Per coordinate the twists of the parts.
 type Twists = StrutList<[Twist; MAX_PARTS]>;
@@ -31,7 +31,7 @@ enum Inverse {
 }
 
 /// Virtual motions of plate and passive arms at one pose.
-pub(super) struct PlateMotions {
+pub(crate) struct PlateMotions {
     bodies: &'static [usize],
     twists: Twists,
     /// Gap rate at each strut per rate of its arm, negated: velocity of the upper ball along the strut.
