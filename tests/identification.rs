@@ -8,7 +8,7 @@ use deltatwin::dynamics::{Plant, set_parameters};
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::consistency::min_eigenvalue;
 use deltatwin::identification::fit::{Consistency, Options, Reason, Weighing, fit_with};
-use deltatwin::identification::{BaseParameter, Dataset, fit, identify_payload, predict};
+use deltatwin::identification::{BaseParameter, Dataset, Residuals, fit, identify_payload, predict};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::bodies::ROTOR;
 use deltatwin::machine::{Configuration, Setup};
@@ -194,6 +194,34 @@ fn garbage_gives_possible_bodies_and_both_ways_agree() {
     }
     println!("{corrected} of 12 corrected, {written} of 24 written");
     assert!(corrected >= 6 && written >= 12, "{corrected} {written}");
+}
+
+/// The factors of all torque sensors and all inertias are free together: short, noisy recordings determine them so badly that
+/// the free estimate is no machine at all, and its correction must not cost more than the machine the fit began with.
+#[test]
+fn a_fit_leaves_no_more_than_the_possible_machine_it_begins_with() {
+    let mut assumed = common::model("irb360-6-1600");
+    assumed.effects.push(common::defaults("torque_gain_error"));
+    let mut corrected = 0;
+    for seed in 0..6u64 {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut noisy = dataset(&assumed, &Setup::default(), 150, 1e-2, excitation(seed));
+        for (channel, sigma) in noisy.measured.iter_mut().zip(SIGMA) {
+            let mut slow = 0.0;
+            for x in channel.iter_mut() {
+                slow = 0.9 * slow + rng.sample::<f64, _>(StandardNormal);
+                *x += 2.0 * sigma * slow;
+            }
+        }
+        let begun = Residuals::new(&assumed, std::slice::from_ref(&noisy)).expect("reachable");
+        let fitted = fit(&assumed, &[noisy], &[SIGMA.to_vec()]).expect("a fit");
+        let cost = |rms: &[f64]| rms.iter().zip(SIGMA).map(|(r, s)| (r / s).powi(2)).sum::<f64>();
+        let (before, after) = (cost(&begun.rms), cost(&fitted.residuals.rms));
+        println!("seed {seed}: {before:.2}, fitted {after:.2}, {:?}", fitted.correction);
+        assert!(after < before, "seed {seed}: {before} {after}");
+        corrected += usize::from(fitted.correction.is_some());
+    }
+    assert!(corrected > 2, "{corrected}");
 }
 
 #[test]

@@ -82,7 +82,7 @@ pub fn add_with(
     let chosen = Chosen { candidate: 0, variant: ranking.of(0).map_or(0, |a| a.variant) };
     let with = begun_with(&fitting, [&before.fit.model, model], &candidates, &[chosen], Some(&ranking))?;
     fitting.go_on()?;
-    let Judged { mut fit, residuals } = starts::fit(&judge, (&problem, &candidates), &[chosen], &with)?;
+    let Judged { mut fit, residuals } = starts::fit(&judge, (&problem, &candidates), &[chosen], &with, &before)?;
     fitting.go_on()?;
     let budget = judge.budget(before.rms().to_vec(), vec![(effect.into(), residuals.rms.clone())]);
     fit.model.history.extend(budget.history());

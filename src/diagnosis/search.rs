@@ -475,7 +475,7 @@ impl<'a> Search<'a> {
 
     /// The fit that begins at a model with the chosen effects, or at another start of one of them.
     fn fit(&self, begun: &Model, chosen: &[Chosen]) -> Result<Judged, FitError> {
-        starts::fit(self.judge, (&self.problem, self.candidates), chosen, begun)
+        starts::fit(self.judge, (&self.problem, self.candidates), chosen, begun, &self.start)
     }
 
     /// The model as stated, with the effects that the start has in addition.

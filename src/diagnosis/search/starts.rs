@@ -1,4 +1,5 @@
-//! Fits that begin again from another start of an effect, where a shape ends at a limit of its law.
+//! Fits of effects that are made again: where they have diverged, and from another start of an effect where a shape ends at a
+//! limit of its law.
 //!
 //! The error has several minima over a shape that enters nonlinearly, and a start that the linear problem prefers may lead to
 //! a wrong one. There a shape often ends at a limit: a spring that seems to have no free length pulls from the wrong side.
@@ -13,29 +14,37 @@ use crate::model::Model;
 /// Distance from a limit, relative to the usual value of the parameter, up to which a shape lies at it.
 const AT_LIMIT: f64 = 1e-3;
 
-/// The fit of `begun`, a model with the `chosen` effects of `problem`. If a shape of one ends at a limit, the fit begins again
-/// from the best other start of this effect in `problem`, and the fit that leaves less is returned.
+/// The fit of `begun`, a model with the `chosen` effects of `problem`. A fit that leaves more than the one `without` them has
+/// diverged, and is made again between possible machines. If a shape of an effect ends at a limit, the fit begins again from the
+/// best other start of this effect in `problem`. The fit that leaves less is returned.
 pub(in crate::diagnosis) fn fit(
     judge: &Judge,
     (problem, candidates): (&Problem, &[Vec<ActiveEffect>]),
     chosen: &[Chosen],
     begun: &Model,
+    without: &Judged,
 ) -> Result<Judged, FitError> {
-    let first = judge.fit(begun)?;
+    let left = |judged: &Judged| relative_energy(&judged.fit.residuals.rms, &judge.fitting.noise.pooled);
+    let less = |first: Judged, second: Judged| if left(&second) < left(&first) { second } else { first };
+    let mut first = judge.fit(begun)?;
+    if judge.fitting.is_late() {
+        return Ok(first);
+    }
+    if left(&first) > left(without)
+        && let Ok(again) = judge.fitting.fit_possible(begun).and_then(|fit| judge.of(fit))
+    {
+        first = less(first, again);
+    }
     let at_limit = |c: &&Chosen| {
         let name = candidates[c.candidate][c.variant].effect.name();
         first.fit.model.effects.iter().any(|a| a.effect.name() == name && is_at_limit(a))
     };
-    if judge.fitting.is_late() {
-        return Ok(first);
-    }
     let other = chosen.iter().find(at_limit).and_then(|c| other_start(problem, candidates, chosen, *c));
     let Some(other) = other else { return Ok(first) };
     let mut model = without_effects(begun, &[other.effect.name()]);
     model.effects.push(other);
     let Ok(second) = judge.fit(&model) else { return Ok(first) };
-    let left = |judged: &Judged| relative_energy(&judged.fit.residuals.rms, &judge.fitting.noise.pooled);
-    Ok(if left(&second) < left(&first) { second } else { first })
+    Ok(less(first, second))
 }
 
 fn is_at_limit(active: &ActiveEffect) -> bool {

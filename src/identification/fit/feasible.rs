@@ -2,8 +2,8 @@
 //!
 //! The correction of a free estimate takes the cost for quadratic between both. Where parameters multiply each other, as the
 //! factor of a torque sensor and the inertias that the drive moves, a free estimate may lie so far outside the possible that
-//! its correction costs many times what it promises. Then sequential quadratic programming [Nocedal 2006, ch. 18] begins at the
-//! best consistent parameters known: steps to the consistent minimum of the cost linearised there.
+//! its correction costs more than the machine that the fit began with. Then sequential quadratic programming [Nocedal 2006,
+//! ch. 18] begins at that machine: steps to the consistent minimum of the cost linearised there.
 
 use std::sync::Arc;
 
@@ -18,7 +18,7 @@ use crate::identification::consistency::complete;
 use crate::identification::normal_equations::UNIT_WEIGHTS;
 use crate::model::Model;
 
-/// Ratio of what a correction adds to the cost to what it promises, from which the linearisation is not believed.
+/// Ratio of what a correction adds to the cost to what it promises, from which it is compared with the machine before.
 const BROKEN_PROMISE: f64 = 2.0;
 
 /// A machine with consistent parameters and its residuals.
@@ -28,12 +28,17 @@ pub(super) struct Feasible {
 }
 
 impl Regression<'_> {
-    /// The solution with its consistent values and the machine that has them. Where the correction costs more than it
-    /// promises, all are those of a consistent minimum of the cost, `solution` linearised next to it.
+    /// The solution with its consistent values and the machine that has them. Where that machine leaves more than the one before
+    /// the fit, unless it `is_corrected_once`, all are those of a consistent minimum of the cost, `solution` linearised next to it.
     ///
     /// # Errors
     /// [`FitError`] if the machine cannot be assembled along the recordings, or normal equations are not finite.
-    pub fn settled(&self, solution: Solution, possible: Possible) -> Result<(Solution, Possible, Feasible), FitError> {
+    pub fn settled(
+        &self,
+        solution: Solution,
+        possible: Possible,
+        is_corrected_once: bool,
+    ) -> Result<(Solution, Possible, Feasible), FitError> {
         let (model, stayed) = self.with(&solution.model, &possible, &possible.values);
         let Some(correction) = possible.correction else {
             let residuals =
@@ -43,12 +48,15 @@ impl Regression<'_> {
         let corrected = Feasible { residuals: Arc::new(self.residuals(&model)?), model };
         let free = self.cost(&solution.normal.residuals, &self.values(&solution.model), UNIT_WEIGHTS);
         let promised = BROKEN_PROMISE * correction.cost + self.scale(free);
-        if !is_nonlinear(&corrected.model) || self.cost_of(&corrected) - free < promised {
+        let is_linear = !is_nonlinear(&corrected.model);
+        if is_corrected_once || is_linear || self.cost_of(&corrected) - free < promised {
             return Ok((solution, possible, corrected));
         }
         let before = self.feasible(&solution.model, &possible, &possible.before);
-        let known = [(corrected, possible.values.clone())].into_iter().chain(before.zip(Some(possible.before.clone())));
-        let (mut here, mut x) = known.min_by(|a, b| self.cost_of(&a.0).total_cmp(&self.cost_of(&b.0))).expect("one");
+        let Some(mut here) = before.filter(|before| self.cost_of(before) < self.cost_of(&corrected)) else {
+            return Ok((solution, possible, corrected));
+        };
+        let mut x = possible.before.clone();
         let mut last = (solution, Possible { values: x.clone(), ..possible });
         for _ in 0..MAX_ITERATIONS {
             let linearised = self.linearised(here.model.clone(), UNIT_WEIGHTS)?;
