@@ -101,7 +101,7 @@ fn resistance(at: &Instant, motions: &PlateMotions, limb: usize) -> [Twist; SLOT
     out
 }
 
-/// From the origin of the platform to that of a body, m.
+/// Vector from the platform's origin to the origin of a body, m.
 fn lever(at: &Instant, body: usize) -> Vector3<f64> {
     at.motion.bodies[body].position - at.motion.bodies[PLATFORM].position
 }
