@@ -138,6 +138,7 @@ fn a_relative_that_picks_up_a_body_at_rest_loses_the_energy_of_the_lost_velociti
 }
 
 #[test]
+#[ignore = "campaign"]
 fn sockets_of_a_relative_leave_their_balls_and_its_drives_trip() {
     for name in RELATIVES {
         let (whole, _) = run(name, |_, _| {});
@@ -205,7 +206,7 @@ fn elastic_struts_of_relatives_carry_what_rigid_ones_do() {
                     let active = deltatwin::effects::ActiveEffect::absent_on(effect, model.host());
                     model.effects.push(active.at_nominal_size());
                 }
-                options.duration = 0.2;
+                options.duration = 0.1;
                 options.substeps *= 4;
                 options.sensors.strut_upper[..model.mechanism.struts()].fill(true);
             })

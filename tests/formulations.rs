@@ -95,7 +95,7 @@ fn agree(label: &str, file: &Path, change: &Change<'_>) {
 fn every_shipped_scenario_runs_both_ways() {
     runs().par_iter().for_each(|file| {
         agree(name(file), file, &|_, options, _| {
-            options.duration = 0.008;
+            options.duration = 0.004;
             options.substeps *= 32;
         });
     });
@@ -115,7 +115,7 @@ fn every_effect_runs_both_ways() {
             *setup = common::payload();
             model.effects.retain(|a| a.effect.name() != *effect);
             model.effects.push(defaults(effect));
-            (options.duration, options.noise_seed) = (0.004, None);
+            (options.duration, options.noise_seed) = (0.0024, None);
             options.substeps *= if rings { 64 } else { 16 };
         });
         for (channel, d) in all {

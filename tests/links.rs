@@ -23,16 +23,15 @@ use rand_distr::StandardNormal;
 const SIGMA: [f64; 4] = [0.4, 0.4, 0.4, 0.05];
 
 /// Torques of `robot` along an excitation that is known exactly, with noise of `share` of `SIGMA`.
-fn dataset(robot: &Model, share: f64) -> Dataset {
-    const SAMPLES: usize = 2000;
-    const STEP: f64 = 5e-3;
+fn dataset(robot: &Model, share: f64, samples: usize) -> Dataset {
+    let step = 10.0 / samples as f64;
     let nominal = common::model("irb360-6-1600");
     let believed = Plant::new(&nominal, &Setup::default());
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let motion = FourierMotion::random(&believed, &MotionLimits::of(&nominal, 0.6), 0.1, 10, &mut rng);
-    let joints = |t: f64| believed.geometry.inverse_motion(&motion.at(t)).expect("within the workspace");
-    let samples = (0..SAMPLES).map(|k| joints(k as f64 * STEP)).collect();
-    let exact = Dataset::exact(robot.mechanism, Setup::default(), Channel::TORQUES.to_vec(), STEP, samples);
+    let at = |t: f64| believed.geometry.inverse_motion(&motion.at(t)).expect("within the workspace");
+    let joints = (0..samples).map(|k| at(k as f64 * step)).collect();
+    let exact = Dataset::exact(robot.mechanism, Setup::default(), Channel::TORQUES.to_vec(), step, joints);
     let mut dataset = Dataset { half_width: [10; 4], ..exact };
     dataset.set_measured(predict(&Plant::new(robot, &Setup::default()), &dataset).expect("reachable"));
     for (series, sigma) in dataset.measured.iter_mut().zip(SIGMA) {
@@ -137,7 +136,7 @@ fn the_papers_counts() {
         (links(false, Complete), 51, 25, 22),
         (links(true, Complete), 3 * 20 + 3 * 10 + 1, 47, 38),
     ];
-    let data = dataset(&alone(links(false, Symmetric), false), 0.0);
+    let data = dataset(&alone(links(false, Symmetric), false), 0.0, 500);
     for (links, numbers, turning, still) in cases {
         let [bare, with] = [false, true].map(|flange| alone(links, flange));
         assert_eq!(Plant::new(&bare, &Setup::default()).parameters().len(), numbers, "{links:?}");
@@ -161,7 +160,7 @@ fn limbs_that_differ_are_found() {
     for strut in [bodies::strut(4), bodies::strut(5)] {
         robot.bodies[strut] += Inertia::diagonal(0.161, [0.089, 0.0, 0.0], [0.0, 0.066, 0.066]);
     }
-    let data = dataset(&robot, 1.0);
+    let data = dataset(&robot, 1.0, 2000);
     let alike = fitted(links(false, BodyParameters::Symmetric), &data, &Options::default());
     let each = fitted(links(true, BodyParameters::Symmetric), &data, &Options::default());
     println!("RMS alike {:?}, each limb {:?}", alike.residuals.rms, each.residuals.rms);
@@ -192,7 +191,7 @@ fn limbs_that_differ_are_found() {
 #[test]
 #[ignore = "campaign"]
 fn bodies_with_more_parameters_stay_possible() {
-    let data = dataset(&common::model("irb360-6-1600"), 1.0);
+    let data = dataset(&common::model("irb360-6-1600"), 1.0, 2000);
     for bodies in [BodyParameters::Aligned, BodyParameters::Complete] {
         let fit = fitted(links(false, bodies), &data, &Options::default());
         for (b, body) in fit.model.bodies.0.iter().enumerate().filter(|(_, b)| **b != Inertia::ZERO) {
@@ -210,7 +209,7 @@ fn bodies_with_more_parameters_stay_possible() {
 
 #[test]
 fn a_group_has_its_own_weight() {
-    let data = dataset(&common::model("irb360-6-1600"), 1.0);
+    let data = dataset(&common::model("irb360-6-1600"), 1.0, 2000);
     let mut believed = common::model("irb360-6-1600");
     for active in &mut believed.effects {
         active.values.iter_mut().for_each(|v| *v *= 1.1);

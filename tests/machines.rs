@@ -437,6 +437,7 @@ fn stribeck(breakaway: f64, speed: f64) -> ActiveEffect {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn breakaway_friction_over_a_wide_range_of_speeds_is_found_on_a_lone_slide() {
     let (names, values, _) = found(&model("servo-axis"), &Setup::default(), stribeck(20.0, 0.05), 1);
     assert_eq!(names, ["drive_stribeck"]);
@@ -477,6 +478,7 @@ fn a_delay_of_half_a_sample_is_the_recordings() {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn torque_ripple_is_found_on_a_lone_turntable() {
     let nominal = turntable();
     let hidden = ActiveEffect::new(find("torque_ripple").unwrap(), &[&[0.05], &[0.0], &[0.0], &[0.03], &[10.0]]);

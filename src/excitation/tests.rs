@@ -151,6 +151,7 @@ fn design_does_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn hemisphere_is_kept_and_an_impossible_one_refused() {
     let centre = nalgebra::Vector3::new(0.0, 0.0, -0.85);
     let hemisphere = Hemisphere { centre, radius: 0.35 };

@@ -335,6 +335,7 @@ fn a_joint_of_a_bag_is_read_by_its_name() {
 
 /// Recordings of the twin with the usual noise, and without any, give no warning about themselves.
 #[test]
+#[ignore = "campaign"]
 fn the_twin_raises_no_false_alarm() {
     common::at_root();
     let folder = TempDir::new().unwrap();

@@ -601,12 +601,13 @@ fn pairs_that_were_found_before_serve_until_something_has_moved() {
         let other = &mut motion.bodies[bodies::strut(2)];
         other.position = Vector3::new(-0.5, 0.1 * (0.9 * a).sin(), TABLE_TOP + 0.12);
         let closed = if i % 400 < 200 { SocketSet::ALL } else { open([0, 2, 6, 8]) };
-        let mut anew = cell(&objects);
+        let wrenches = lasting.wrenches(&motion, closed);
         if i % 3 == 0 {
+            let mut anew = cell(&objects);
+            assert_eq!(wrenches, anew.wrenches(&motion, closed), "{i}");
+            assert_eq!(lasting.touches(), anew.touches(), "{i}");
             assert_eq!(lasting.near(&motion, closed, 1e-3), anew.near(&motion, closed, 1e-3), "{i}");
         }
-        assert_eq!(lasting.wrenches(&motion, closed), anew.wrenches(&motion, closed), "{i}");
-        assert_eq!(lasting.touches(), anew.touches(), "{i}");
         hits += usize::from(!lasting.touches().is_empty());
         let [first, third] = [STRUT, bodies::strut(2)].map(ContactBody::Link);
         near += lasting.touches().iter().filter(|t| t.other == first || t.link == third).count();

@@ -12,7 +12,7 @@ use nalgebra::DVector;
 use super::gauss_newton::{MAX_ITERATIONS, PROGRESS, Solution, TRIALS};
 use super::possible::Possible;
 use super::regression::Regression;
-use super::{FitError, is_nonlinear};
+use super::{Correction, FitError, is_nonlinear};
 use crate::identification::Residuals;
 use crate::identification::consistency::complete;
 use crate::identification::normal_equations::UNIT_WEIGHTS;
@@ -57,7 +57,8 @@ impl Regression<'_> {
             return Ok((solution, possible, corrected));
         };
         let mut x = possible.before.clone();
-        let mut last = (solution, Possible { values: x.clone(), ..possible });
+        let started = Correction { cost: (self.cost_of(&here) - free).max(0.0), ..correction };
+        let mut last = (solution, Possible { values: x.clone(), correction: Some(started), ..possible });
         for _ in 0..MAX_ITERATIONS {
             let linearised = self.linearised(here.model.clone(), UNIT_WEIGHTS)?;
             let Some((next, towards, free)) = self.feasible_step(&here, &x, &linearised) else { break };

@@ -34,34 +34,29 @@ impl Regression<'_> {
     /// Consistent values nearest to `estimated`, with the `curvature` of the cost as metric.
     pub fn possible(&self, estimated: &[PlantParameter], curvature: &DMatrix<f64>) -> Possible {
         let cost = self.cost_of_leaving(estimated, curvature);
-        if cost.allows(&cost.centre) {
-            return Possible {
-                values: cost.centre,
-                before: cost.start,
-                classes: cost.classes,
-                correction: None,
-                edges: Vec::new(),
-            };
+        let (values, correction) = match cost.allows(&cost.centre) {
+            true => (cost.centre, None),
+            false => self.corrected(&cost),
+        };
+        let mut possible =
+            Possible { values, before: cost.start, classes: cost.classes, correction, edges: Vec::new() };
+        if correction.is_some_and(|c| c.cost > NOTABLE_COST) {
+            possible.edges = self.edges(estimated, &possible, curvature);
         }
+        possible
+    }
+
+    /// Values of least `cost`.
+    fn corrected(&self, cost: &Cost) -> (DVector<f64>, Option<Correction>) {
         let convex = match self.consistency {
-            Consistency::Cones => cones::minimise(&cost).filter(|c| c.gap <= MAX_GAP * cost.of(&c.x)),
+            Consistency::Cones => cones::minimise(cost).filter(|c| c.gap <= MAX_GAP * cost.of(&c.x)),
             Consistency::LogCholesky => None,
         };
         self.count(Work { corrections: convex.as_ref().map_or(0, |c| c.iterations), ..Work::default() });
         let gap = convex.as_ref().map(|c| c.gap / cost.of(&c.x));
-        let values = convex.map_or_else(|| log_cholesky::minimise(&cost), |c| c.x);
-        let correction = Correction { cost: cost.of(&values), gap };
-        let mut possible = Possible {
-            values,
-            before: cost.start,
-            classes: cost.classes,
-            correction: Some(correction),
-            edges: Vec::new(),
-        };
-        if correction.cost > NOTABLE_COST {
-            possible.edges = self.edges(estimated, &possible, curvature);
-        }
-        possible
+        let values = convex.map_or_else(|| log_cholesky::minimise(cost), |c| c.x);
+        let cost = cost.of(&values);
+        (values, Some(Correction { cost, gap }))
     }
 
     /// Cost of a deviation from the estimate, with the constraints on bodies and ranges.
