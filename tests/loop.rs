@@ -147,7 +147,8 @@ fn a_tilt_does_not_depend_on_where_the_masses_start() {
 fn hidden_socket_friction_is_named_and_taken_back_by_its_own_parameter() {
     let mut robot = perturbed();
     robot.effects.push(ActiveEffect::new(find("ball_socket_coulomb").unwrap(), &[&[0.3], &[0.05]]));
-    let (recording, _) = run(&robot, 4, 3.0, true);
+    robot.sample_time = 1e-3;
+    let (recording, _) = run(&robot, 4, 4.0, true);
     let (held_out, _) = run(&robot, 14, 2.0, true);
     let nominal = model("irb360-6-1600");
     let (fitted, judging) = ([Dataset::new(&recording)], [Dataset::new(&held_out)]);

@@ -72,7 +72,7 @@ fn changes_within(active: &ActiveEffect, travel: f64) -> bool {
 }
 
 /// An absent effect with the model's constants, one variant per initial shape.
-fn variants(model: &Model, effect: Arc<dyn effects::Effect>) -> Vec<ActiveEffect> {
+pub(super) fn variants(model: &Model, effect: Arc<dyn effects::Effect>) -> Vec<ActiveEffect> {
     let mut base = ActiveEffect::absent_on(effect.clone(), model.host());
     let entries = base.entries();
     for (value, entry) in base.values.iter_mut().zip(&entries).filter(|(_, e)| e.parameter.role != Role::Linear) {

@@ -51,7 +51,7 @@ const USUAL_SHARE: f64 = 0.1;
 
 /// Shapes of candidates whose columns are computed together: laws on the known motion and sensors on the known torques, and
 /// effects that act through the entire prediction.
-const LAWS: usize = 16;
+const LAWS: usize = 32;
 const WHOLES: usize = 4;
 
 /// Fits whose columns are kept.
@@ -219,12 +219,16 @@ impl Fitting<'_> {
             // The usual size on a lone axis is relative to its torque, because its limits are often estimates.
             Mechanism::Axis(_) => WORTH_CARING * USUAL_SHARE * measured / rms(values.iter().copied()),
         };
-        let mut left: Vec<usize> = candidates.iter().map(Vec::len).collect();
-        let owners: Vec<usize> = left.iter().enumerate().flat_map(|(k, n)| std::iter::repeat_n(k, *n)).collect();
+        let owners: Vec<usize> =
+            candidates.iter().enumerate().flat_map(|(k, shapes)| std::iter::repeat_n(k, shapes.len())).collect();
         let candidates = candidates.concat();
+        let sources = sources(&candidates);
+        let is_source = |i: &usize| sources[*i].contains(i);
+        let mut left: Vec<usize> = vec![0; owners.last().map_or(0, |last| last + 1)];
+        (0..owners.len()).filter(is_source).for_each(|i| left[owners[i]] += 1);
         let kind = |i: &usize| candidates[*i].effect.kind();
         let is_whole = |i: &usize| kind(i).acts_on_the_whole() && kind(i) != Kind::Sensor;
-        let (wholes, laws): (Vec<usize>, Vec<usize>) = (0..candidates.len()).partition(is_whole);
+        let (wholes, laws): (Vec<usize>, Vec<usize>) = (0..candidates.len()).filter(is_source).partition(is_whole);
         let mut columns = vec![Vec::new(); candidates.len()];
         let plants: Vec<Plant> = self.datasets.iter().map(|t| t.plant(model)).collect();
         let along = self.each(&plants, CandidateColumns::new)?;
@@ -234,19 +238,21 @@ impl Fitting<'_> {
             let all = self.datasets.iter().zip(&along).map(|(t, along)| along.of(&own).map_err(kinematics(t)));
             let all: Vec<Vec<Vec<Channels>>> = all.collect::<Result<_, FitError>>()?;
             for (j, &i) in group.iter().enumerate() {
-                let entries = candidates[i].entries();
-                let linear = entries.iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Linear);
-                let column = |(k, e): (usize, &Entry)| {
+                let column = |(k, e): (usize, Entry)| {
                     let values = stack(&self.noise, all.iter().map(|dataset| &dataset[j][k]));
-                    let size = magnitude(e, &values);
+                    let size = magnitude(&e, &values);
                     Column { name: e.full_name(), values, magnitude: if size.is_finite() { size } else { 0.0 } }
                 };
-                columns[i] = linear.map(column).collect();
+                columns[i] = linear(&candidates[i]).map(column).collect();
                 left[owners[i]] -= 1;
             }
             progress(Progress::Candidates { done: left.iter().filter(|n| **n == 0).count(), of: left.len() });
         }
-        Ok(columns)
+        let whole = |(i, own): (usize, &Vec<usize>)| match is_source(&i) {
+            true => columns[i].clone(),
+            false => own.iter().enumerate().map(|(k, &source)| columns[source][k].clone()).collect(),
+        };
+        Ok(sources.iter().enumerate().map(whole).collect())
     }
 
     /// What `of` makes of the plant of every recording, with the length of a [`block`] and the columns that are known.
@@ -329,6 +335,27 @@ pub fn report(datasets: &[Dataset], sensor: &ActiveEffect, values: &mut [f64]) {
         }
         first += own.last().map_or(0, |s| s.end);
     }
+}
+
+/// Linear parameters of an effect with their places among its values.
+fn linear(active: &ActiveEffect) -> impl Iterator<Item = (usize, Entry)> {
+    active.entries().into_iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Linear)
+}
+
+/// For each linear parameter of each shape the first shape with the same column, its own where no earlier one is alike.
+fn sources(shapes: &[ActiveEffect]) -> Vec<Vec<usize>> {
+    let of_item = |active: &ActiveEffect, item: usize| -> Vec<f64> {
+        let entries = active.entries().into_iter().zip(&active.values);
+        entries.filter(|(e, _)| e.parameter.role != Role::Linear && e.param.item == item).map(|(_, v)| *v).collect()
+    };
+    let is_alike = |a: &ActiveEffect, b: &ActiveEffect, item: usize| {
+        a.effect.name() == b.effect.name() && of_item(a, item) == of_item(b, item)
+    };
+    let source = |i: usize, item: usize| match shapes[i].effect.spec().search.is_by_item {
+        true => (0..i).find(|&j| is_alike(&shapes[j], &shapes[i], item)).unwrap_or(i),
+        false => i,
+    };
+    (0..shapes.len()).map(|i| linear(&shapes[i]).map(|(_, e)| source(i, e.param.item)).collect()).collect()
 }
 
 fn label(active: &ActiveEffect) -> String {
@@ -487,4 +514,30 @@ fn stack<'a>(noise: &NoiseLevel, datasets: impl Iterator<Item = &'a Channels>) -
         }
     }
     series.into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::missing::variants;
+    use super::*;
+    use crate::effects::find;
+    use crate::model::testing::irb360;
+
+    #[test]
+    fn directions_that_swing_by_themselves_need_no_column_for_every_pair() {
+        let frames = variants(&irb360(), find("frame_compliance").unwrap());
+        let sources = sources(&frames);
+        let own = |i: &usize| sources[*i].contains(i);
+        assert_eq!((frames.len(), (0..frames.len()).filter(own).count()), (16, 4));
+        for (i, own) in sources.iter().enumerate() {
+            assert_eq!(own.len(), 2);
+            for (direction, &source) in own.iter().enumerate() {
+                let frequency = |i: usize| frames[i].values[2 + direction];
+                assert_eq!(frequency(source), frequency(i), "shape {i}");
+            }
+        }
+        // Shapes of all drives together are columns of their own.
+        let friction = variants(&irb360(), find("drive_stribeck").unwrap());
+        assert!(self::sources(&friction).iter().enumerate().all(|(i, own)| own.iter().all(|source| *source == i)));
+    }
 }

@@ -200,11 +200,10 @@ impl InternalStates for BallSocketClearance {
             return Some(self.steady_state(values, to));
         }
         let relief = relief(values, to);
-        let own = |at: &Instant| {
-            let felt = StrutVector::from(at.reactions.lower);
-            felt + self::relief(values, at) * all_rates(at.state, time)
+        let own = |at: &Instant, relief: &StrutMatrix| {
+            StrutVector::from(at.reactions.lower) + relief * all_rates(at.state, time)
         };
-        let (before, after) = (own(from), own(to));
+        let (before, after) = (own(from, &self::relief(values, from)), own(to, &relief));
         // Rate of the fastest mode: (3 + κ)/T with κ = |relief|/(T²·F₀).
         let fastest = (3.0 + relief.norm() / (time * time * values.one(FORCE))) / time;
         let steps = (fastest * h).ceil().max(1.0) as usize;

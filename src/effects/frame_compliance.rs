@@ -46,7 +46,7 @@ static PAIRS: [[f64; 2]; GRID.len() * GRID.len()] = {
     let mut pairs = [[0.0; 2]; GRID.len() * GRID.len()];
     let mut i = 0;
     while i < pairs.len() {
-        pairs[i] = [GRID[i / GRID.len()], GRID[i % GRID.len()]];
+        pairs[i] = [GRID[i % GRID.len()], GRID[(i % GRID.len() + i / GRID.len()) % GRID.len()]];
         i += 1;
     }
     pairs
@@ -79,7 +79,8 @@ static SPEC: Spec = Spec::new(
 .reads(Reads { accelerations: true, inertia: true, ..Reads::MOTION })
 // Factors for randomly drawn frames in the validation; the diagnosis uses the starts.
 .grids(&[&[0.5, 0.7, 1.0, 1.5, 2.0]])
-.starts(&STARTS);
+.starts(&STARTS)
+.by_item();
 
 /// Bodies that the frame carries. One without mass of its own may have the first moment that a fit gave it.
 fn carried<'a>(at: &Instant<'a>) -> impl Iterator<Item = (usize, &'a Inertia)> {

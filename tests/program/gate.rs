@@ -7,6 +7,7 @@ use crate::common;
 use std::f64::consts::FRAC_PI_2;
 use std::fs;
 use std::path::Path;
+use std::sync::LazyLock;
 
 use common::{encoded, model, planned};
 use deltatwin::dynamics::Plant;
@@ -69,6 +70,9 @@ fn measured(robot: &Model, motion: &Motion, payload: Payload, seed: u64) -> Reco
     Recording { name: "measured".into(), signals, setup }
 }
 
+/// A recording with nothing wrong.
+static GOOD: LazyLock<Recording> = LazyLock::new(|| measured(&robot(3), &motion(5), Payload::default(), 7));
+
 fn problems(findings: &[Finding]) -> Vec<(Option<usize>, Problem)> {
     findings.iter().map(|f| (f.axis.map(|i| i + 1), f.problem)).collect()
 }
@@ -85,7 +89,7 @@ fn examined(file: &Path, maps: &[Mapping], payload_mass: Option<f64>) -> Vec<Fin
 
 /// Changes a good recording and returns what is found, once the remedy is shown to leave nothing.
 fn found_and_mended(change: impl Fn(&mut Signals)) -> Vec<Finding> {
-    let mut recording = measured(&robot(3), &motion(5), Payload::default(), 7);
+    let mut recording = GOOD.clone();
     change(&mut recording.signals);
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("run.csv");
@@ -191,7 +195,7 @@ fn factors_are_named_and_mended() {
 fn orders_are_named_and_mended() {
     common::at_root();
     // An arm never turns as far as axis 4: this is told without a model.
-    let mut recording = measured(&robot(3), &motion(5), Payload::default(), 7);
+    let mut recording = GOOD.clone();
     each(&mut recording.signals, |q, tau| {
         q.swap(0, 3);
         tau.swap(0, 3);
@@ -369,7 +373,7 @@ fn a_lag_of_positions_is_named_and_mended() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("run.csv");
     for (every, late) in [(10, 20), (1, 3), (10, 0), (1, 0)] {
-        let mut recording = measured(&robot(3), &motion(5), Payload::default(), 7);
+        let mut recording = GOOD.clone();
         seen_by_camera(&mut recording, every, late);
         let Some(found) = positions(&nominal(), &recording) else {
             assert_eq!(late, 0, "{every}");
@@ -390,7 +394,7 @@ fn a_lag_of_positions_is_named_and_mended() {
         assert!(positions(&nominal(), &mended).is_none(), "{assignments:?}");
     }
     // Without positions there is nothing to say, and those of another machine are not late.
-    let mut recording = measured(&robot(3), &motion(5), Payload::default(), 7);
+    let mut recording = GOOD.clone();
     assert!(positions(&nominal(), &recording).is_none());
     seen_by_camera(&mut recording, 1, 20);
     each(&mut recording.signals, |q, _| q.swap(0, 1));
@@ -553,7 +557,7 @@ fn simulated(folder: &tempfile::TempDir, (model, scenario): (&str, &str), payloa
 #[test]
 fn another_robots_model_is_told() {
     common::at_root();
-    let recording = measured(&robot(3), &motion(5), Payload::default(), 7);
+    let recording = GOOD.clone();
     let found = examine(&model("irb360-1-1130"), &Dataset::new(&recording));
     // On this motion the smaller robot's lighter links look like a load of their own: it is told, and a fit may go on.
     assert!(!found.is_empty(), "a model of another robot passes in silence");
@@ -605,7 +609,7 @@ fn no_effect_of_the_catalogue_is_refused() {
 #[test]
 fn other_names_and_units_are_the_same_recording() {
     common::at_root();
-    let recording = measured(&robot(3), &motion(5), Payload::default(), 7);
+    let recording = GOOD.clone();
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("log.csv");
     let s = &recording.signals;
@@ -643,7 +647,7 @@ fn run(arguments: &[&str]) -> std::process::Output {
 fn commands_stop_at_the_gate_and_go_on_with_the_remedy() {
     common::at_root();
     const MODEL: &str = "models/irb360-6-1600.toml";
-    let mut recording = measured(&robot(3), &motion(5), Payload::default(), 7);
+    let mut recording = GOOD.clone();
     each(&mut recording.signals, |_, tau| tau[1] = -tau[1]);
     let folder = tempfile::tempdir().unwrap();
     let [file, fitted] = ["run.csv", "fitted.toml"].map(|n| folder.path().join(n).display().to_string());

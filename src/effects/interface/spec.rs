@@ -64,6 +64,9 @@ pub struct Search {
     pub starts: &'static [Start],
     /// Constants with values 0 or 1, for both of which a search is made.
     pub switches: &'static [&'static str],
+    /// Whether an item of a linear parameter acts with the same item of the shape parameters alone, as each direction of a
+    /// frame does: its column serves all starting points that have these values.
+    pub is_by_item: bool,
 }
 
 /// Starting point of a search: values of up to three parameter blocks, by block index; lengths are those on the reference
@@ -114,7 +117,7 @@ fn unknown(_parameter: &str, _model: &MachineView) -> Option<f64> {
 impl Spec {
     /// A force law that depends on positions and velocities only and is observable by inverse dynamics.
     pub const fn new(name: &'static str, acts_on: Part, about: About, parameters: &'static [Parameter]) -> Self {
-        let search = Search { grids: &[&[0.3, 0.6, 1.0, 2.0, 4.0]], starts: &[], switches: &[] };
+        let search = Search { grids: &[&[0.3, 0.6, 1.0, 2.0, 4.0]], starts: &[], switches: &[], is_by_item: false };
         Self {
             name,
             acts_on,
@@ -162,6 +165,12 @@ impl Spec {
     /// The properties with starting points, see [`Search::starts`].
     pub const fn starts(mut self, starts: &'static [Start]) -> Self {
         self.search.starts = starts;
+        self
+    }
+
+    /// The properties of an effect whose items act each by itself, see [`Search::is_by_item`].
+    pub const fn by_item(mut self) -> Self {
+        self.search.is_by_item = true;
         self
     }
 

@@ -403,4 +403,33 @@ mod tests {
             }
         }
     }
+
+    /// Columns of a linear parameter depend on shape values of its own item alone where an effect says so.
+    #[test]
+    fn items_that_act_by_themselves_do() {
+        let (model, dataset) = (irb360(), dataset());
+        let plant = Plant::new(&model, &dataset.setup);
+        let along = CandidateColumns::new(&plant, &dataset, BLOCK, Laws::default()).unwrap();
+        let by_item = REGISTRY.iter().filter(|e| e.spec().search.is_by_item);
+        for effect in by_item {
+            let active = ActiveEffect::absent_on(Arc::clone(effect), model.host());
+            let entries = active.entries();
+            let items = entries.iter().map(|e| e.param.item).max().unwrap() + 1;
+            let here = along.of(std::slice::from_ref(&active)).unwrap().remove(0);
+            for item in 0..items {
+                let mut other = active.clone();
+                for (value, e) in other.values.iter_mut().zip(&entries) {
+                    *value *= if e.parameter.role == Role::Shape && e.param.item != item { 1.3 } else { 1.0 };
+                }
+                assert_ne!(other.values, active.values);
+                let there = along.of(&[other]).unwrap().remove(0);
+                let linear = |k: &usize| entries[*k].parameter.role == Role::Linear;
+                for k in (0..entries.len()).filter(linear) {
+                    let is_same = here[k] == there[k];
+                    assert_eq!(is_same, entries[k].param.item == item, "{}", entries[k].full_name());
+                }
+            }
+        }
+        assert!(REGISTRY.iter().any(|e| e.spec().search.is_by_item));
+    }
 }

@@ -146,24 +146,32 @@ impl FourierMotion {
         }
     }
 
-    /// Whether each axis violates the limits of its joint or drive.
+    /// Whether each axis violates the limits of its joint, or else of its drive.
     fn axes_beyond(&self, plant: &Plant, limits: &MotionLimits) -> PerAxis<bool> {
         let [low, high] = plant.geometry.arm_limits();
-        let arms = plant.mechanism.arms();
-        let mut bad: PerAxis<bool> = each(false);
-        for k in 0..GRID {
-            let [q, qd, qdd] = self.coordinates(k as f64 / GRID as f64 / self.frequency);
-            let torque = plant
+        let (axes, arms) = (plant.mechanism.axes(), plant.mechanism.arms());
+        let states: Vec<[PerAxis<f64>; 3]> =
+            (0..GRID).map(|k| self.coordinates(k as f64 / GRID as f64 / self.frequency)).collect();
+        let of_joint = |[q, qd, qdd]: &[PerAxis<f64>; 3], i: usize| {
+            qd[i].abs() > limits.speed[i]
+                || (i < arms && (qdd[i].abs() > limits.acceleration[i] || !(low..=high).contains(&q[i])))
+        };
+        let bad: PerAxis<bool> = std::array::from_fn(|i| i < axes && states.iter().any(|state| of_joint(state, i)));
+        if bad != each(false) {
+            return bad;
+        }
+        let torque = |&[q, qd, qdd]: &[PerAxis<f64>; 3]| {
+            plant
                 .motion(&JointState { q, qd, qdd })
                 .and_then(|motion| steady_inverse_dynamics(plant, 0.0, &motion, false))
-                .map_or(each(f64::INFINITY), |out| out.tau);
-            for i in 0..plant.mechanism.axes() {
-                bad[i] |= qd[i].abs() > limits.speed[i]
-                    || (i < arms && (qdd[i].abs() > limits.acceleration[i] || !(low..=high).contains(&q[i])))
-                    || torque[i].abs() > limits.torque[i];
-            }
+                .map_or(each(f64::INFINITY), |out| out.tau)
+        };
+        let mut most: PerAxis<f64> = each(0.0);
+        for state in &states {
+            let torque = torque(state);
+            most = std::array::from_fn(|i| most[i].max(torque[i].abs()));
         }
-        bad
+        std::array::from_fn(|i| i < axes && most[i] > limits.torque[i])
     }
 
     fn scale(&mut self, factor: f64, coordinates: std::ops::Range<usize>) {
