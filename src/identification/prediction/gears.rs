@@ -25,7 +25,7 @@ use super::{Channels, Joints};
 use crate::dynamics::{ChannelMap, Plant, inverse_dynamics};
 use crate::effects::{ActiveEffect, GearSpring, Kind};
 use crate::identification::Dataset;
-use crate::kinematics::{JointState, KinematicsError};
+use crate::kinematics::{JointState, KinematicsError, Motion};
 use crate::machine::{Part, PerAxis, every_axis};
 use crate::numerics::parallel;
 use crate::recording::Channel;
@@ -139,7 +139,7 @@ impl Deflection {
     fn started<E>(
         dataset: &Dataset,
         segment: &Range<usize>,
-        at: impl Fn(usize) -> Result<Vector4<f64>, E>,
+        mut at: impl FnMut(usize) -> Result<Vector4<f64>, E>,
     ) -> Result<Self, E> {
         let (t, start) = (&dataset.t, dataset.t[segment.start]);
         let samples = segment.clone().take_while(|&k| t[k] - start <= START);
@@ -198,16 +198,17 @@ impl Arms<'_> {
     ///
     /// A fit may try inconsistent bodies, with which the deflection diverges: it is then reset to the steady one.
     fn along(&self, segment: Range<usize>, joints: &mut [JointState]) -> Result<(), KinematicsError> {
-        let (mut now, mut change) = (self.started(&segment)?, Vector4::zeros());
+        let mut motion = Motion::REST;
+        let (mut now, mut change) = (self.started(&segment, &mut motion)?, Vector4::zeros());
         let mut inverse = None;
         for (age, k) in segment.enumerate() {
             if age % FRESH == 0 {
                 inverse = None;
             }
             let before = now.acceleration;
-            now = match self.next(k, &now, before + change, &mut inverse) {
+            now = match self.next(k, &now, before + change, &mut inverse, &mut motion) {
                 Ok(next) if next.angle.amax() < RUN_AWAY => next,
-                _ => self.steady(k)?,
+                _ => self.steady(k, &mut motion)?,
             };
             change = now.acceleration - before;
             joints[k] = now.behind(&self.encoders[k]);
@@ -216,15 +217,15 @@ impl Arms<'_> {
     }
 
     /// Deflection at the start of a segment.
-    fn started(&self, segment: &Range<usize>) -> Result<Deflection, KinematicsError> {
-        Deflection::started(self.dataset, segment, |k| Ok(self.steady(k)?.angle))
+    fn started(&self, segment: &Range<usize>, motion: &mut Motion) -> Result<Deflection, KinematicsError> {
+        Deflection::started(self.dataset, segment, |k| Ok(self.steady(k, motion)?.angle))
     }
 
     /// Steady deflection at sample `k`.
-    fn steady(&self, k: usize) -> Result<Deflection, KinematicsError> {
+    fn steady(&self, k: usize, motion: &mut Motion) -> Result<Deflection, KinematicsError> {
         let none = Vector4::zeros();
         let rigid = Deflection { angle: none, rate: none, acceleration: none };
-        Ok(Deflection { angle: self.excess(k, &rigid)?, ..rigid })
+        Ok(Deflection { angle: self.excess(k, &rigid, motion)?, ..rigid })
     }
 
     /// Deflection at sample `k` from the previous one and an expected `acceleration`; `inverse` is the inverse of the Jacobian.
@@ -234,9 +235,10 @@ impl Arms<'_> {
         before: &Deflection,
         mut acceleration: Vector4<f64>,
         inverse: &mut Option<Matrix4<f64>>,
+        motion: &mut Motion,
     ) -> Result<Deflection, KinematicsError> {
         let h = self.dataset.step(k);
-        let left = |a: &Vector4<f64>| self.excess(k, &before.after(h, &self.rule, *a));
+        let mut left = |a: &Vector4<f64>| self.excess(k, &before.after(h, &self.rule, *a), motion);
         let mut last: Option<[Vector4<f64>; 2]> = None;
         for step in 0..MOST_STEPS {
             let here = left(&acceleration)?;
@@ -262,11 +264,11 @@ impl Arms<'_> {
         Ok(before.after(h, &self.rule, acceleration))
     }
 
-    /// Deflection due to the transmitted torques minus the present deflection, rad: zero in equilibrium.
-    fn excess(&self, k: usize, at: &Deflection) -> Result<Vector4<f64>, KinematicsError> {
+    /// Deflection due to the transmitted torques minus the present deflection, rad: zero in equilibrium; sets `motion`.
+    fn excess(&self, k: usize, at: &Deflection, motion: &mut Motion) -> Result<Vector4<f64>, KinematicsError> {
         let joint = at.behind(&self.encoders[k]);
-        let motion = self.plant.motion(&joint)?;
-        let tau = inverse_dynamics(self.plant, self.dataset.t[k], &motion, &self.own.at(k), false)?.tau;
+        self.plant.set_motion(&joint, motion)?;
+        let tau = inverse_dynamics(self.plant, self.dataset.t[k], motion, &self.own.at(k), false)?.tau;
         Ok(Vector4::from_fn(|i, _| {
             let gear = &self.gears[i];
             let transmitted = tau[i] - gear.rotor_inertia * joint.qdd[i];
@@ -360,7 +362,9 @@ impl<'a> Passage<'a> {
         };
         let inverse = slopes.iter().enumerate().map(inverse).collect();
         let arms = Arms { plant, gears, dataset, own: &own, encoders: &joints.encoders, rule, converged: CONVERGED };
-        let starts = dataset.segments.iter().map(|s| arms.started(s)).collect::<Result<_, KinematicsError>>()?;
+        let mut motion = Motion::REST;
+        let starts = dataset.segments.iter().map(|s| arms.started(s, &mut motion));
+        let starts = starts.collect::<Result<_, KinematicsError>>()?;
         Ok(Self { dataset, joints, gears, drives, slopes: slopes.concat(), rule, starts, inverse })
     }
 

@@ -108,23 +108,32 @@ fn terms_of(
         }
         Ok(())
     };
-    // Chunks keep the transposition from rows to series in the cache.
+    // Chunks keep the transposition from rows, one per block, to series in the cache.
     let chunks: Vec<&[Range<usize>]> = blocks.chunks(CHUNK).collect();
-    let rows_of = |i: usize| {
+    let series_of = |i: usize| -> Result<Vec<f64>, KinematicsError> {
         let map = ChannelMap::without_motion(&dataset.channels);
         let mut there = (Motion::REST, map, if follow { Feedback::of(plant) } else { None });
-        let mut rows = vec![0.0; chunks[i].len() * total * channels];
-        for (range, row) in chunks[i].iter().zip(rows.chunks_exact_mut(total * channels)) {
+        let (width, length) = (total * channels, chunks[i].len());
+        let mut rows = vec![0.0; length * width];
+        for (range, row) in chunks[i].iter().zip(rows.chunks_exact_mut(width)) {
             sum(range, &mut there, row)?;
         }
-        Ok(rows)
+        let mut series = vec![0.0; length * width];
+        for (place, means) in series.chunks_exact_mut(length).enumerate() {
+            for (mean, row) in means.iter_mut().zip(rows.chunks_exact(width)) {
+                *mean = row[place] / block as f64;
+            }
+        }
+        Ok(series)
     };
     let chunks: Vec<Vec<f64>> =
-        parallel::map(chunks.len(), rows_of).into_iter().collect::<Result<_, KinematicsError>>()?;
+        parallel::map(chunks.len(), series_of).into_iter().collect::<Result<_, KinematicsError>>()?;
     let series = |column: usize, c: usize| -> Vec<f64> {
+        let place = column * channels + c;
         let mut out = Vec::with_capacity(blocks.len());
-        for rows in &chunks {
-            out.extend(rows.chunks_exact(total * channels).map(|row| row[column * channels + c] / block as f64));
+        for series in &chunks {
+            let length = series.len() / (total * channels);
+            out.extend_from_slice(&series[place * length..(place + 1) * length]);
         }
         out
     };
