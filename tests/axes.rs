@@ -55,6 +55,7 @@ fn not_misled(d: &Diagnosis, hidden: &str) -> bool {
 }
 
 #[test]
+#[ignore = "campaign"]
 fn gravity_of_a_turning_axis_is_told_from_a_bias() {
     let table = turntable();
     let d = told(&table, effect("axis_gravity", &[&[0.6], &[-0.3]]), 41);

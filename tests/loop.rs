@@ -35,13 +35,13 @@ fn moved(robot: &Model, share: f64, seed: u64, duration: f64, noise: bool) -> (R
 }
 
 #[test]
-fn twenty_seconds_with_all_frictions_keep_loops_closed_and_energy_balanced() {
-    let (recording, report) = run(&model("irb360-6-1600-truth"), 5, 20.0, true);
+fn eight_seconds_with_all_frictions_keep_loops_closed_and_energy_balanced() {
+    let (recording, report) = run(&model("irb360-6-1600-truth"), 5, 8.0, true);
     println!(
         "gap {:.1e} m, rate {:.1e} m/s, energy {:.1e}, tracking {:?} rad",
         report.max_loop_gap, report.max_loop_rate, report.energy_error, report.tracking_error
     );
-    assert_eq!(recording.signals.len(), 50_000);
+    assert_eq!(recording.signals.len(), 20_000);
     assert!(report.max_loop_gap < 1e-10, "{:e}", report.max_loop_gap);
     assert!(report.max_loop_rate < 1e-9, "{:e}", report.max_loop_rate);
     assert!(report.energy_error < 1e-7, "{:e}", report.energy_error);
@@ -65,7 +65,7 @@ fn true_base(robot: &Model, base: &[deltatwin::identification::BaseParameter]) -
 #[test]
 fn noise_free_data_return_the_base_parameters() {
     let robot = perturbed();
-    let (recording, _) = run(&robot, 2, 10.0, false);
+    let (recording, _) = run(&robot, 2, 5.0, false);
     let dataset = Dataset::new(&recording);
     let nominal = model("irb360-6-1600");
     // Weights of data without noise: the prior must not be felt.
@@ -145,6 +145,17 @@ fn a_tilt_does_not_depend_on_where_the_masses_start() {
 
 #[test]
 fn hidden_socket_friction_is_named_and_taken_back_by_its_own_parameter() {
+    hidden_socket_friction_is_named();
+}
+
+#[test]
+#[ignore = "campaign"]
+fn no_candidate_alone_explains_more_than_hidden_socket_friction() {
+    let (d, fitted) = hidden_socket_friction_is_named();
+    explained_alone(&d, &fitted);
+}
+
+fn hidden_socket_friction_is_named() -> (Diagnosis, [Dataset; 1]) {
     let mut robot = perturbed();
     robot.effects.push(ActiveEffect::new(find("ball_socket_coulomb").unwrap(), &[&[0.3], &[0.05]]));
     robot.sample_time = 1e-3;
@@ -157,12 +168,12 @@ fn hidden_socket_friction_is_named_and_taken_back_by_its_own_parameter() {
     reports.is_complete("ball_socket_coulomb", d.candidates.len());
     assert_eq!(d.verdict, Verdict::Effect, "{:?}", d.effects);
     assert_eq!(d.effects[0].name, "ball_socket_coulomb");
-    explained_alone(&d, &fitted);
     let p = &d.effects[0].parameters[0];
     assert!((p.value - 0.3).abs() < 4.0 * p.std + 0.003, "{} ± {}", p.value, p.std);
     for (after, floor) in d.rms_after.iter().zip(&d.noise_floor) {
         assert!(*after < 1.1 * floor, "{:?} {:?}", d.rms_after, d.noise_floor);
     }
+    (d, fitted)
 }
 
 /// Reports of a diagnosis.

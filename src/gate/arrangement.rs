@@ -162,6 +162,11 @@ impl<'a> Trial<'a> {
 
     /// Assessment of an arrangement with the load that suits it best; `None` if the machine cannot reach the poses.
     pub fn judge(&self, instants: &Instants, arrangement: Arrangement) -> Option<Judgement> {
+        Some(self.posed(instants, arrangement)?.judge(instants, arrangement))
+    }
+
+    /// Predictions for the motion of an arrangement; `None` if the machine cannot reach the poses.
+    fn posed(&self, instants: &Instants, arrangement: Arrangement) -> Option<Posed> {
         let dataset = instants.dataset;
         let joints = instants.joints(|j| arrangement.joints(j));
         let t = dataset.t.first().copied().unwrap_or(0.0);
@@ -169,51 +174,18 @@ impl<'a> Trial<'a> {
         if predicted.share() < POSSIBLE {
             return None;
         }
-        let column = |c: usize| dataset.channels[c].drive().map_or(c, |i| arrangement.torque[i]);
         let freed = self.freed(dataset, &joints, &predicted);
-        // What is left over is linear in the torques, so that it need not be computed for every load.
-        let left = |(c, series): (usize, &Vec<f64>)| match freed.get(c) {
-            Some(features) => beyond(series, features),
-            None => Some(series.clone()),
-        };
-        let left = |series: &[Vec<f64>]| series.iter().enumerate().map(left).collect::<Vec<_>>();
-        let measured: Vec<Vec<f64>> =
-            (0..dataset.channels.len()).map(|c| predicted.of(instants.measured(column(c), 0))).collect();
-        let measured = left(&measured);
-        let judged = |series: &[Option<Vec<f64>>]| {
-            let line = |(p, m): (&Option<Vec<f64>>, &Option<Vec<f64>>)| Line::of(p.as_ref()?, m.as_ref()?);
-            let lines: Vec<Option<Line>> = series.iter().zip(&measured).map(line).collect();
-            let cost = lines.iter().flatten().map(cost).sum::<f64>() + CHANGE * arrangement.changes() as f64;
-            Judgement { arrangement, lines, cost }
-        };
-        let unloaded = left(&predicted.series);
-        let own = judged(&unloaded);
-        let Some(heavier) = &self.heavier else { return Some(own) };
-        let heavy = Predicted::new(heavier, &dataset.channels, t, &joints);
-        if heavy.possible != predicted.possible {
-            return Some(own);
-        }
-        let kilogram: Vec<Vec<f64>> =
-            heavy.series.iter().zip(&predicted.series).map(|(h, p)| difference(h, p)).collect();
-        let size = |series: &[Vec<f64>]| series.iter().take(self.plant.mechanism.arms()).map(|s| rms(s)).sum::<f64>();
-        let most = LOADS.1 * size(&predicted.series) / size(&kilogram).max(f64::MIN_POSITIVE);
-        let kilogram = left(&kilogram);
-        let with = |load: f64| {
-            let sum = |p: &Vec<f64>, k: &Vec<f64>| p.iter().zip(k).map(|(p, k)| p + load * k).collect();
-            let one =
-                |(p, k): (&Option<Vec<f64>>, &Option<Vec<f64>>)| p.as_ref().zip(k.as_ref()).map(|(p, k)| sum(p, k));
-            judged(&unloaded.iter().zip(&kilogram).map(one).collect::<Vec<Option<Vec<f64>>>>())
-        };
-        // Squares of equally spaced numbers: small loads are told apart more finely.
-        let load = |k: f64| most * (k / LOADS.0 as f64).powi(2);
-        let coarse =
-            (1..=LOADS.0).map(|k| k as f64).min_by(|a, b| with(load(*a)).cost.total_cmp(&with(load(*b)).cost))?;
-        let (mut low, mut high) = (load(coarse - 1.0), load(coarse + 1.0));
-        while high - low > 1e-3 * high {
-            let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
-            if with(a).cost < with(b).cost { high = b } else { low = a }
-        }
-        [own, with(0.5 * (low + high))].into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
+        let heavy = self.heavier.as_ref().map(|heavier| Predicted::new(heavier, &dataset.channels, t, &joints));
+        let heavy = heavy.filter(|heavy| heavy.possible == predicted.possible);
+        let load = heavy.map(|heavy| {
+            let kilogram: Vec<Vec<f64>> =
+                heavy.series.iter().zip(&predicted.series).map(|(h, p)| difference(h, p)).collect();
+            let arms = self.plant.mechanism.arms();
+            let size = |series: &[Vec<f64>]| series.iter().take(arms).map(|s| rms(s)).sum::<f64>();
+            let most = LOADS.1 * size(&predicted.series) / size(&kilogram).max(f64::MIN_POSITIVE);
+            (left(&kilogram, &freed), most)
+        });
+        Some(Posed { unloaded: left(&predicted.series, &freed), load, freed, predicted })
     }
 
     /// What a fit determines of each channel in any arrangement: friction of its axis and torques of a shifted payload;
@@ -234,10 +206,20 @@ impl<'a> Trial<'a> {
         let some = instants.thinned(THINNED);
         let few = some.thinned(stride_for(some.at.len(), POSE_INSTANTS));
         let reached = Trial::new(self.plant);
-        let all = Arrangement::candidates(self.plant.mechanism);
-        let all = all.into_iter().filter(|a| reached.judge(&few, *a).is_some());
+        // Arrangements that differ in the torques alone share their motion.
+        let mut known: Vec<(Arrangement, Option<Posed>)> = Vec::new();
+        let mut judged = Vec::new();
+        for arrangement in Arrangement::candidates(self.plant.mechanism) {
+            let motion = Arrangement { torque: Arrangement::PLAIN.torque, ..arrangement };
+            if known.iter().all(|(other, _)| *other != motion) {
+                let is_reached = reached.posed(&few, motion).is_some();
+                known.push((motion, is_reached.then(|| self.posed(&some, motion)).flatten()));
+            }
+            let posed = known.iter().find(|(other, _)| *other == motion).and_then(|(_, posed)| posed.as_ref());
+            judged.extend(posed.map(|posed| posed.judge(&some, arrangement)));
+        }
         let (shifted, plain): (Vec<_>, Vec<_>) =
-            all.filter_map(|a| self.judge(&some, a)).partition(|j| j.arrangement.zero.iter().any(|z| *z != 0.0));
+            judged.into_iter().partition(|j| j.arrangement.zero.iter().any(|z| *z != 0.0));
         let (mirrored, shifted): (Vec<_>, Vec<_>) =
             shifted.into_iter().partition(|j| j.arrangement.sign.iter().any(|sign| *sign < 0.0));
         let least = |judged: Vec<Judgement>| judged.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
@@ -275,6 +257,63 @@ impl<'a> Trial<'a> {
             _ => best,
         }
     }
+}
+
+/// Predictions for one motion of the axes, whatever the columns of the torques.
+struct Posed {
+    predicted: Predicted,
+    /// See [`Trial::freed`].
+    freed: Vec<Vec<Vec<f64>>>,
+    /// Part of each predicted channel that a fit does not determine.
+    unloaded: Vec<Option<Vec<f64>>>,
+    /// The same of a kilogram of load, and the largest load tried, kg, if loads are tried.
+    load: Option<(Vec<Option<Vec<f64>>>, f64)>,
+}
+
+impl Posed {
+    /// Assessment of an arrangement with this motion, with the load that suits it best.
+    fn judge(&self, instants: &Instants, arrangement: Arrangement) -> Judgement {
+        let channels = &instants.dataset.channels;
+        let column = |c: usize| channels[c].drive().map_or(c, |i| arrangement.torque[i]);
+        let measured: Vec<Vec<f64>> =
+            (0..channels.len()).map(|c| self.predicted.of(instants.measured(column(c), 0))).collect();
+        let measured = left(&measured, &self.freed);
+        let judged = |series: &[Option<Vec<f64>>]| {
+            let line = |(p, m): (&Option<Vec<f64>>, &Option<Vec<f64>>)| Line::of(p.as_ref()?, m.as_ref()?);
+            let lines: Vec<Option<Line>> = series.iter().zip(&measured).map(line).collect();
+            let cost = lines.iter().flatten().map(cost).sum::<f64>() + CHANGE * arrangement.changes() as f64;
+            Judgement { arrangement, lines, cost }
+        };
+        let own = judged(&self.unloaded);
+        let Some((kilogram, most)) = &self.load else { return own };
+        let with = |load: f64| {
+            let sum = |p: &Vec<f64>, k: &Vec<f64>| p.iter().zip(k).map(|(p, k)| p + load * k).collect();
+            let one =
+                |(p, k): (&Option<Vec<f64>>, &Option<Vec<f64>>)| p.as_ref().zip(k.as_ref()).map(|(p, k)| sum(p, k));
+            judged(&self.unloaded.iter().zip(kilogram).map(one).collect::<Vec<Option<Vec<f64>>>>())
+        };
+        // Squares of equally spaced numbers: small loads are told apart more finely.
+        let load = |k: f64| most * (k / LOADS.0 as f64).powi(2);
+        let coarse = (1..=LOADS.0).map(|k| (k as f64, with(load(k as f64)).cost));
+        let coarse = coarse.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(1.0, |(k, _)| k);
+        let (mut low, mut high) = (load(coarse - 1.0), load(coarse + 1.0));
+        while high - low > 1e-3 * high {
+            let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
+            if with(a).cost < with(b).cost { high = b } else { low = a }
+        }
+        let loaded = with(0.5 * (low + high));
+        if loaded.cost < own.cost { loaded } else { own }
+    }
+}
+
+/// Part of each channel that a fit does not determine; `None` with too few samples. It is linear in the torques, so that it need
+/// not be computed for every load.
+fn left(series: &[Vec<f64>], freed: &[Vec<Vec<f64>>]) -> Vec<Option<Vec<f64>>> {
+    let one = |(c, series): (usize, &Vec<f64>)| match freed.get(c) {
+        Some(features) => beyond(series, features),
+        None => Some(series.clone()),
+    };
+    series.iter().enumerate().map(one).collect()
 }
 
 /// Cost of a channel.
