@@ -9,7 +9,7 @@ use crate::effects::Kind;
 use crate::identification::Dataset;
 use crate::identification::dataset::stride_for;
 use crate::identification::least_squares::least_squares;
-use crate::kinematics::{JointState, KinematicsError};
+use crate::kinematics::{JointState, KinematicsError, Motion};
 use crate::machine::Inertia;
 use crate::machine::bodies::END_EFFECTOR;
 use crate::model::Model;
@@ -21,6 +21,9 @@ pub const LONGEST_LAG: f64 = 0.025;
 
 /// Steepness of the friction feature, s/rad (eq. 48).
 const STEEPNESS: f64 = 100.0;
+
+/// Number of instants predicted by one core at a time.
+const CHUNK: usize = 16;
 
 /// Samples of a dataset spread over its duration, at least the largest lag away from the ends of segments.
 pub struct Instants<'a> {
@@ -121,9 +124,9 @@ impl Predicted {
         let struts = channels.iter().any(|c| c.drive().is_none());
         let states: Vec<&[f64]> = plant.effects.iter().map(|_| &[][..]).collect();
         let lawless = AtomicBool::new(false);
-        let output = |i: usize| {
-            let motion = plant.motion(&joints[i]).ok()?;
-            match inverse_dynamics(plant, t, &motion, &states, struts) {
+        let output = |motion: &mut Motion, joints: &JointState| {
+            plant.set_motion(joints, motion).ok()?;
+            match inverse_dynamics(plant, t, motion, &states, struts) {
                 Ok(out) if channels.iter().all(|c| out.of(*c).is_finite()) => Some(out),
                 Ok(_) | Err(KinematicsError::Law(_)) => {
                     lawless.store(true, Ordering::Relaxed);
@@ -132,7 +135,12 @@ impl Predicted {
                 Err(_) => None,
             }
         };
-        let outputs: Vec<Option<Output>> = parallel::map(joints.len(), output);
+        let chunks: Vec<&[JointState]> = joints.chunks(CHUNK).collect();
+        let outputs: Vec<Option<Output>> = parallel::map(chunks.len(), |i| {
+            let mut motion = Motion::REST;
+            chunks[i].iter().map(|joints| output(&mut motion, joints)).collect::<Vec<_>>()
+        })
+        .concat();
         let series = |c: &Channel| outputs.iter().flatten().map(|o| o.of(*c)).collect();
         Self {
             series: channels.iter().map(series).collect(),

@@ -84,7 +84,8 @@ fn pages_load_nothing_and_run_no_text_of_a_file() {
     let folder = TempDir::new().unwrap();
     let (csv, _) = recorded(&folder);
     let evil = folder.path().join("<img src=x onerror=alert(1)>.csv").display().to_string();
-    std::fs::copy(&csv, &evil).unwrap();
+    let short: Vec<String> = std::fs::read_to_string(&csv).unwrap().lines().take(1500).map(String::from).collect();
+    std::fs::write(&evil, short.join("\n")).unwrap();
     let model = folder.path().join("better.toml").display().to_string();
     let commands: [(&str, &[&str]); 4] = [
         ("compare", &[AXIS, &evil]),
