@@ -248,11 +248,8 @@ impl Fitting<'_> {
             }
             progress(Progress::Candidates { done: left.iter().filter(|n| **n == 0).count(), of: left.len() });
         }
-        let whole = |(i, own): (usize, &Vec<usize>)| match is_source(&i) {
-            true => columns[i].clone(),
-            false => own.iter().enumerate().map(|(k, &source)| columns[source][k].clone()).collect(),
-        };
-        Ok(sources.iter().enumerate().map(whole).collect())
+        let of = |own: &Vec<usize>| own.iter().enumerate().map(|(k, &source)| columns[source][k].clone()).collect();
+        Ok(sources.iter().map(of).collect())
     }
 
     /// What `of` makes of the plant of every recording, with the length of a [`block`] and the columns that are known.
