@@ -801,7 +801,7 @@ fn check_describes_the_machine() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 100, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn damaged_files_never_panic(at in 0usize..6000, cut in 0usize..40, insert in "[\\[\\]={}\"'.,0-9a-z#\n -]{0,6}") {

@@ -221,10 +221,10 @@ impl Fitting<'_> {
         };
         let owners: Vec<usize> =
             candidates.iter().enumerate().flat_map(|(k, shapes)| std::iter::repeat_n(k, shapes.len())).collect();
+        let mut left = vec![0; candidates.len()];
         let candidates = candidates.concat();
         let sources = sources(&candidates);
         let is_source = |i: &usize| sources[*i].contains(i);
-        let mut left: Vec<usize> = vec![0; owners.last().map_or(0, |last| last + 1)];
         (0..owners.len()).filter(is_source).for_each(|i| left[owners[i]] += 1);
         let kind = |i: &usize| candidates[*i].effect.kind();
         let is_whole = |i: &usize| kind(i).acts_on_the_whole() && kind(i) != Kind::Sensor;

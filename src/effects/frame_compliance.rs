@@ -42,6 +42,7 @@ const PARAMETERS: &[Parameter] = &[
 /// 1.26 of one of them, and an iteration from there finds it.
 const GRID: [f64; 4] = [5.0, 7.9, 12.6, 20.0];
 
+/// All pairs of frequencies, Hz. Equal ones come first: their columns are those of all other pairs.
 static PAIRS: [[f64; 2]; GRID.len() * GRID.len()] = {
     let mut pairs = [[0.0; 2]; GRID.len() * GRID.len()];
     let mut i = 0;

@@ -292,7 +292,7 @@ impl Posed {
                 |(p, k): (&Option<Vec<f64>>, &Option<Vec<f64>>)| p.as_ref().zip(k.as_ref()).map(|(p, k)| sum(p, k));
             judged(&self.unloaded.iter().zip(kilogram).map(one).collect::<Vec<Option<Vec<f64>>>>())
         };
-        // Squares of equally spaced numbers: small loads are told apart more finely.
+        // Squares of equally spaced numbers: small loads are distinguished more finely.
         let load = |k: f64| most * (k / LOADS.0 as f64).powi(2);
         let coarse = (1..=LOADS.0).map(|k| (k as f64, with(load(k as f64)).cost));
         let coarse = coarse.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(1.0, |(k, _)| k);

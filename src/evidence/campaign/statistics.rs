@@ -106,7 +106,7 @@ fn standard_errors_hold_under_autocorrelation_and_uneven_noise() {
         );
         (c.value - 1.6 * 0.3 / rms) / c.standard_error
     };
-    let all: Vec<f64> = (0..80_u64).into_par_iter().map(z).collect();
+    let all: Vec<f64> = (0..160_u64).into_par_iter().map(z).collect();
     let spread = (all.iter().map(|x| x * x).sum::<f64>() / all.len() as f64).sqrt();
     assert!((0.85..1.2).contains(&spread), "{spread}");
 }

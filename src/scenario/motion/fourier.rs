@@ -146,7 +146,8 @@ impl FourierMotion {
         }
     }
 
-    /// Whether each axis violates the limits of its joint, or else of its drive.
+    /// Whether each axis violates the limits of its joint; where none does, whether it violates those of its drive. The axes are
+    /// independent, so that joints within their limits may come first.
     fn axes_beyond(&self, plant: &Plant, limits: &MotionLimits) -> PerAxis<bool> {
         let [low, high] = plant.geometry.arm_limits();
         let (axes, arms) = (plant.mechanism.axes(), plant.mechanism.arms());
