@@ -81,7 +81,7 @@ enum Selection {
 /// Selection of effects, repeated until all that were found are confirmed.
 ///
 /// If the start has several active consistency constraints and the outcome is not clear, the search is repeated with
-/// each constraint separately, and the outcome with the smaller residual is returned.
+/// each constraint separately. Returned is an outcome that is clear, otherwise the one with the smaller residual.
 pub(super) fn find(
     start: Fit,
     judge: &Judge,
@@ -96,7 +96,9 @@ pub(super) fn find(
     progress(Progress::Step("every edge of the possible by itself"));
     let second = find_along(Edges::Apart, start, judge, candidates, progress)?;
     let left = |found: &Found| relative_energy(found.end.rms(), &judge.floor);
-    Ok(if left(&second) < left(&first) { second } else { first })
+    // Both may have found the same effects, with which they leave the same but for rounding.
+    let is_better = second.is_clear(judge) || left(&second) < left(&first);
+    Ok(if is_better { second } else { first })
 }
 
 fn find_along(

@@ -27,6 +27,9 @@ const RIVALS: usize = 8;
 /// Count added to each of the two outcomes of a truth: Jeffreys' prior of a proportion.
 const UNSEEN: f64 = 0.5;
 
+/// Relative difference of two evidences up to which they are equal: the winner goes before rivals with the same columns.
+const ROUNDING: f64 = 1e-9;
+
 /// Counts of the effect ranked first, per true effect.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Confusion {
@@ -205,7 +208,7 @@ impl<'a> Drawn<'a> {
             let explained = blocks.column_sum().norm_squared();
             let left = (energy - explained).max(f64::MIN_POSITIVE) / (self.rows - m).max(1.0);
             let evidence = ln_chi2_tail(explained / left, self.freedom[i]);
-            if best.is_some_and(|(least, _)| evidence >= least) {
+            if best.is_some_and(|(least, _)| evidence + ROUNDING * f64::abs(least) >= least) {
                 continue;
             }
             let relevant = self.relevance[i] * explained.sqrt() >= self.settings.min_relevance;
