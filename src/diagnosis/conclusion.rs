@@ -104,11 +104,16 @@ impl Conclusion {
     ///
     /// # Errors
     /// If a pose is impossible for the model.
-    pub fn weigh_the_rest(&mut self, judge: &Judge) -> Result<(), FitError> {
+    pub fn weigh_the_rest(&mut self, found: &Found, judge: &Judge) -> Result<(), FitError> {
         let leaves_more = self.left > LEAVES_MORE || self.verdict == Verdict::Unknown;
         let is_open = self.is_more_than_noise && leaves_more && self.unexplained.is_none();
         let is_extrapolated = is_open && judge.is_extrapolated(&self.end);
         self.leaves_noise = is_open && !is_extrapolated && !unknown::is_related(&self.end, judge)?;
+        if self.leaves_noise {
+            // The error to be explained is that above this noise.
+            let share = |without: &Vec<f64>| explained(found.start.rms(), without, self.end.rms(), self.end.rms());
+            self.effects.iter_mut().zip(&found.without).for_each(|(named, without)| named.explained = share(without));
+        }
         let is_no_law = self.leaves_noise || (is_extrapolated && self.effects.is_empty());
         if is_no_law && self.verdict == Verdict::Unknown {
             self.verdict = verdict_of_names(self.effects.len(), !self.indistinguishable.is_empty());

@@ -27,7 +27,7 @@ const RELEVANCE_OF_COARSE: f64 = 0.33;
 /// less. A drifting bias gains nothing; a motion that shows the effect less gains less, as predicted.
 const HELD_OUT_SHARE: f64 = 0.3;
 
-/// Least gain of an effect relative to the error above the noise that is left with it: a much smaller effect may be a
+/// Least gain of an effect relative to the error above the noise that is left next to it: a much smaller effect may be a
 /// part of what is left and not known.
 const ABOVE_THE_REST: f64 = 0.1;
 
@@ -190,24 +190,21 @@ impl<'a> Judge<'a> {
     /// Whether an effect gains so much less on the fitted data than what is left with it above the noise that no
     /// validation data will confirm it.
     pub fn is_lost_in_the_rest(&self, without: &Judged, with: &Judged) -> bool {
-        let energy = |judged: &Judged| relative_energy(&judged.fit.residuals.rms, &self.fitting.noise.pooled);
-        self.is_lost(energy(without) - energy(with), energy(with) - self.channels())
+        let of = |judged: &Judged| energies(&judged.fit.residuals.rms, &self.fitting.noise.pooled);
+        self.is_lost(&of(without), &of(with), 1.0)
     }
 
     /// Whether a linear effect promises so little in a ranking, which sees means over [`problem::block`] samples.
     pub fn will_be_lost(&self, ranking: &Ranking, assessed: &Assessment) -> bool {
-        let (before, after) = (ranking.energy(&ranking.sum_of_squares), ranking.energy(&assessed.sum_of_squares));
-        let block = problem::block(self.fitting.datasets) as f64;
-        self.is_lost((before - after) / block, (after - self.channels()) / block)
+        let (before, after) = (ranking.energies(&ranking.sum_of_squares), ranking.energies(&assessed.sum_of_squares));
+        self.is_lost(&before, &after, problem::block(self.fitting.datasets) as f64)
     }
 
-    /// Whether a gain is lost in the error that is `left` above the noise.
-    fn is_lost(&self, gain: f64, left: f64) -> bool {
-        left > FEW * self.channels() && gain < LOST * ABOVE_THE_REST * left
-    }
-
-    fn channels(&self) -> f64 {
-        self.fitting.noise.pooled.len() as f64
+    /// Whether a gain is lost in the error above the noise next to it, from the energies without and with an effect over means
+    /// of `block` samples.
+    fn is_lost(&self, before: &[f64], after: &[f64], block: f64) -> bool {
+        let (gain, left) = (gain(before, after) / block, left_next_to(before, after) / block);
+        left > FEW * self.fitting.noise.pooled.len() as f64 && gain < LOST * ABOVE_THE_REST * left
     }
 
     /// RMS residuals on the validation data, without reversals that the recordings do not resolve.
@@ -218,15 +215,14 @@ impl<'a> Judge<'a> {
     /// Whether the validation data confirm the effect that `with` contains and `without` does not.
     pub fn confirms(&self, without: &Judged, with: &Judged) -> Result<bool, FitError> {
         let rms = |judged: &Judged| resolved_rms(self.fitting.datasets, &judged.fit.residuals);
-        let gain = |without: &[f64], with: &[f64], floor: &[f64]| {
-            relative_energy(without, floor) - relative_energy(with, floor)
-        };
-        let fitted = gain(&rms(without), &rms(with), &self.fitting.noise.pooled);
+        let fitted = [without, with].map(|judged| energies(&rms(judged), &self.fitting.noise.pooled));
+        let fitted = gain(&fitted[0], &fitted[1]);
         let [before, after] = [self.resolved_rms(without), self.resolved_rms(with)];
-        let held_out = gain(&before, &after, &self.floor);
+        let held_out = [&before, &after].map(|rms| energies(rms, &self.floor));
+        let left = left_next_to(&held_out[0], &held_out[1]);
+        let held_out = gain(&held_out[0], &held_out[1]);
         let change = resolved_rms(self.data(), &without.residuals.minus(&with.residuals));
         let share = HELD_OUT_SHARE * fitted.min(relative_energy(&change, &self.floor));
-        let left = relative_energy(&after, &self.floor) - self.floor.len() as f64;
         let stays = held_out >= share.max(ABOVE_THE_REST * left)
             && self.is_relevant(&before, &after)
             && self.is_relevant(without.rms(), with.rms());
@@ -317,5 +313,35 @@ pub(super) fn relevance(without: &[f64], with: &[f64]) -> f64 {
 
 /// Sum over the channels of the variance in units of the noise.
 pub(super) fn relative_energy(rms: &[f64], floor: &[f64]) -> f64 {
-    rms.iter().zip(floor).map(|(r, f)| (r / f).powi(2)).sum()
+    energies(rms, floor).iter().sum()
+}
+
+/// Variance of each channel in units of the noise.
+fn energies(rms: &[f64], floor: &[f64]) -> Vec<f64> {
+    rms.iter().zip(floor).map(|(r, f)| (r / f).powi(2)).collect()
+}
+
+/// Decrease of the energies by an effect.
+fn gain(before: &[f64], after: &[f64]) -> f64 {
+    before.iter().sum::<f64>() - after.iter().sum::<f64>()
+}
+
+/// Error above the noise next to an effect, from the energies without and with it: every channel counts by the gain of the effect
+/// there, relative to the largest one. An effect on one axis is no smaller for an error of the others.
+fn left_next_to(before: &[f64], after: &[f64]) -> f64 {
+    let gains: Vec<f64> = before.iter().zip(after).map(|(before, after)| (before - after).max(0.0)).collect();
+    let most = gains.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+    gains.iter().zip(after).map(|(gain, after)| gain / most * (after - 1.0)).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_effect_on_one_axis_is_measured_by_what_is_left_there() {
+        // Ten times the noise on the second axis is nothing to an effect of the first.
+        assert_eq!(left_next_to(&[2.0, 10.0], &[1.5, 10.0]), 0.5);
+        assert_eq!(left_next_to(&[2.0, 10.0], &[1.5, 9.75]), 0.5 + 0.5 * 8.75);
+    }
 }

@@ -90,7 +90,7 @@ pub fn diagnose_with(
         conclusion.not_tried.push("a law outside the library".into());
     }
     fitting.go_on()?;
-    conclusion.weigh_the_rest(&judge)?;
+    conclusion.weigh_the_rest(&found, &judge)?;
     fitting.go_on()?;
     conclusion.settle();
     let left = Left::of(&conclusion, &judge)?;

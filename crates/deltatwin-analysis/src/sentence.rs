@@ -30,7 +30,8 @@ pub fn verdict(d: &Diagnosis) -> String {
         let first = if left.is_empty() { "The model leaves no more than the noise" } else { left.as_str() };
         return format!("{first}; {few}.");
     }
-    let sentence = match (d.left.beside && d.verdict != Verdict::Unknown, left.is_empty()) {
+    let is_more = d.left.beside && !d.left.is_noise && d.verdict != Verdict::Unknown;
+    let sentence = match (is_more, left.is_empty()) {
         (true, _) => format!("{first} ... and something else: {left}."),
         (false, true) => format!("{first}."),
         (false, false) => format!("{first}. {left}."),

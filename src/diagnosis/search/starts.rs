@@ -4,7 +4,7 @@
 //! The error has several minima over a shape that enters nonlinearly, and a start that the linear problem prefers may lead to
 //! a wrong one. There a shape often ends at a limit: a spring that seems to have no free length pulls from the wrong side.
 
-use super::models::{begin_at, without_effects};
+use super::models::{begin_at, with_effects, without_effects};
 use crate::diagnosis::judge::{Judge, Judged, relative_energy};
 use crate::effects::{ActiveEffect, Role};
 use crate::evidence::{self, Chosen, Problem, Settings};
@@ -15,8 +15,8 @@ use crate::model::Model;
 const AT_LIMIT: f64 = 1e-3;
 
 /// The fit of `begun`, a model with the `chosen` effects of `problem`. A fit that leaves more than the one `without` them has
-/// diverged, and is made again between possible machines. If a shape of an effect ends at a limit, the fit begins again from the
-/// best other start of this effect in `problem`. The fit that leaves less is returned.
+/// diverged, and is made again between possible machines, at last from the one `without` them. If a shape of an effect ends at a
+/// limit, the fit begins again from the best other start of this effect in `problem`. The fit that leaves less is returned.
 pub(in crate::diagnosis) fn fit(
     judge: &Judge,
     (problem, candidates): (&Problem, &[Vec<ActiveEffect>]),
@@ -30,10 +30,15 @@ pub(in crate::diagnosis) fn fit(
     if judge.fitting.is_late() {
         return Ok(first);
     }
-    if left(&first) > left(without)
-        && let Ok(again) = judge.fitting.fit_possible(begun).and_then(|fit| judge.of(fit))
-    {
-        first = less(first, again);
+    // The linear problem may begin it far away along what parameters of the model imitate.
+    let from_without = with_effects(&without.fit.model, candidates, chosen, None);
+    for start in [begun, &from_without] {
+        if left(&first) <= left(without) {
+            break;
+        }
+        if let Ok(again) = judge.fitting.fit_possible(start).and_then(|fit| judge.of(fit)) {
+            first = less(first, again);
+        }
     }
     let at_limit = |c: &&Chosen| {
         let name = candidates[c.candidate][c.variant].effect.name();
