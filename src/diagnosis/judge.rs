@@ -190,21 +190,24 @@ impl<'a> Judge<'a> {
     /// Whether an effect gains so much less on the fitted data than what is left with it above the noise that no
     /// validation data will confirm it.
     pub fn is_lost_in_the_rest(&self, without: &Judged, with: &Judged) -> bool {
-        let of = |judged: &Judged| energies(&judged.fit.residuals.rms, &self.fitting.noise.pooled);
-        self.is_lost(&of(without), &of(with), 1.0)
+        let energy = |judged: &Judged| relative_energy(&judged.fit.residuals.rms, &self.fitting.noise.pooled);
+        self.is_lost(energy(without) - energy(with), energy(with) - self.channels())
     }
 
     /// Whether a linear effect promises so little in a ranking, which sees means over [`problem::block`] samples.
     pub fn will_be_lost(&self, ranking: &Ranking, assessed: &Assessment) -> bool {
-        let (before, after) = (ranking.energies(&ranking.sum_of_squares), ranking.energies(&assessed.sum_of_squares));
-        self.is_lost(&before, &after, problem::block(self.fitting.datasets) as f64)
+        let (before, after) = (ranking.energy(&ranking.sum_of_squares), ranking.energy(&assessed.sum_of_squares));
+        let block = problem::block(self.fitting.datasets) as f64;
+        self.is_lost((before - after) / block, (after - self.channels()) / block)
     }
 
-    /// Whether a gain is lost in the error above the noise next to it, from the energies without and with an effect over means
-    /// of `block` samples.
-    fn is_lost(&self, before: &[f64], after: &[f64], block: f64) -> bool {
-        let (gain, left) = (gain(before, after) / block, left_next_to(before, after) / block);
-        left > FEW * self.fitting.noise.pooled.len() as f64 && gain < LOST * ABOVE_THE_REST * left
+    /// Whether a gain is lost in the error that is `left` above the noise on all channels.
+    fn is_lost(&self, gain: f64, left: f64) -> bool {
+        left > FEW * self.channels() && gain < LOST * ABOVE_THE_REST * left
+    }
+
+    fn channels(&self) -> f64 {
+        self.fitting.noise.pooled.len() as f64
     }
 
     /// RMS residuals on the validation data, without reversals that the recordings do not resolve.
@@ -215,14 +218,15 @@ impl<'a> Judge<'a> {
     /// Whether the validation data confirm the effect that `with` contains and `without` does not.
     pub fn confirms(&self, without: &Judged, with: &Judged) -> Result<bool, FitError> {
         let rms = |judged: &Judged| resolved_rms(self.fitting.datasets, &judged.fit.residuals);
-        let fitted = [without, with].map(|judged| energies(&rms(judged), &self.fitting.noise.pooled));
-        let fitted = gain(&fitted[0], &fitted[1]);
+        let gain = |without: &[f64], with: &[f64], floor: &[f64]| {
+            relative_energy(without, floor) - relative_energy(with, floor)
+        };
+        let fitted = gain(&rms(without), &rms(with), &self.fitting.noise.pooled);
         let [before, after] = [self.resolved_rms(without), self.resolved_rms(with)];
-        let held_out = [&before, &after].map(|rms| energies(rms, &self.floor));
-        let left = left_next_to(&held_out[0], &held_out[1]);
-        let held_out = gain(&held_out[0], &held_out[1]);
+        let held_out = gain(&before, &after, &self.floor);
         let change = resolved_rms(self.data(), &without.residuals.minus(&with.residuals));
         let share = HELD_OUT_SHARE * fitted.min(relative_energy(&change, &self.floor));
+        let left = left_next_to(&energies(&before, &self.floor), &energies(&after, &self.floor));
         let stays = held_out >= share.max(ABOVE_THE_REST * left)
             && self.is_relevant(&before, &after)
             && self.is_relevant(without.rms(), with.rms());
@@ -319,11 +323,6 @@ pub(super) fn relative_energy(rms: &[f64], floor: &[f64]) -> f64 {
 /// Variance of each channel in units of the noise.
 fn energies(rms: &[f64], floor: &[f64]) -> Vec<f64> {
     rms.iter().zip(floor).map(|(r, f)| (r / f).powi(2)).collect()
-}
-
-/// Decrease of the energies by an effect.
-fn gain(before: &[f64], after: &[f64]) -> f64 {
-    before.iter().sum::<f64>() - after.iter().sum::<f64>()
 }
 
 /// Error above the noise next to an effect, from the energies without and with it: every channel counts by the gain of the effect

@@ -193,15 +193,10 @@ impl Ranking {
         all
     }
 
-    /// Sum of [`Ranking::energies`].
+    /// Mean square over the samples summed over the channels, in units of the noise; one per channel is the noise.
     pub fn energy(&self, sum_of_squares: &[f64]) -> f64 {
-        self.energies(sum_of_squares).iter().sum()
-    }
-
-    /// Mean square over the samples in units of the noise, of each channel with noise; one is the noise.
-    pub fn energies(&self, sum_of_squares: &[f64]) -> Vec<f64> {
         let channels = sum_of_squares.iter().zip(&self.noise).filter(|(_, n)| **n > 0.0);
-        channels.map(|(s, n)| s / (self.samples.max(1) as f64 * n * n)).collect()
+        channels.map(|(s, n)| s / (self.samples.max(1) as f64 * n * n)).sum()
     }
 
     /// Members of the confidence set that explain plainly less of the error than the best candidate. Whitening weights
