@@ -48,8 +48,6 @@ pub(super) enum Stage {
 /// recordings have the same answer on every computer; and the work of a pass that predicts, in such passes.
 const MOST_PASSES: f64 = 400.0;
 const PREDICTION: f64 = 0.3;
-/// Work of a pass over a model whose states follow the forces of struts, in passes over one without.
-const OF_STATES: usize = 4;
 /// Samples below which a pass counts less, and the least share that it counts.
 const FULL: f64 = 50_000.0;
 const LEAST: f64 = 0.25;
@@ -96,8 +94,6 @@ pub struct Work {
     pub fits: usize,
     /// Work of all these fits.
     pub fitting: fit::Work,
-    /// The share of models whose states follow the forces of struts.
-    pub with_states: fit::Work,
     /// Times all candidates were assessed.
     pub rankings: usize,
 }
@@ -200,9 +196,6 @@ impl<'a> Fitting<'a> {
         let mut work = self.work.lock().unwrap_or_else(PoisonError::into_inner);
         work.fits += 1;
         work.fitting += fitted.work;
-        if model.effects.iter().any(ActiveEffect::states_read_reactions) {
-            work.with_states += fitted.work;
-        }
         Ok(fitted)
     }
 
@@ -236,10 +229,8 @@ impl<'a> Fitting<'a> {
 
     /// Share of the permitted work that is done.
     fn worked(&self) -> f64 {
-        let Work { fitting, with_states, .. } = self.work();
-        let all = |fits: usize, slow: usize| (fits + (OF_STATES - 1) * slow) as f64;
-        let passes = all(fitting.regressions, with_states.regressions)
-            + PREDICTION * all(fitting.predictions, with_states.predictions);
+        let fitting = self.work().fitting;
+        let passes = fitting.regressions as f64 + PREDICTION * fitting.predictions as f64;
         let axes = self.datasets.first().map_or(1, |dataset| dataset.mechanism.axes());
         let samples: usize = self.datasets.iter().map(Dataset::len).sum();
         axes as f64 * (samples as f64 / FULL).clamp(LEAST, 1.0) * passes / MOST_PASSES
