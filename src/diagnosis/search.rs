@@ -5,8 +5,8 @@
 
 pub(super) mod lag;
 
-mod alone;
 mod fits;
+mod insignificant;
 mod models;
 mod pairs;
 mod rivals;
@@ -116,7 +116,7 @@ fn find_along(
     let mut begun: Vec<Chosen> = Vec::new();
     // The last selection of which an effect was refused.
     let mut refuted: Option<(Outcome, Judged)> = None;
-    loop {
+    let best = loop {
         judge.fitting.go_on()?;
         progress(Progress::Step("evidence"));
         let selected = search.select(&std::mem::take(&mut begun), progress)?;
@@ -141,8 +141,7 @@ fn find_along(
                         }
                         let best = search.better_of(standing);
                         let best = search.or_alone(best, progress)?;
-                        let best = search.or_rival(best, progress)?;
-                        return Ok(search.found(best));
+                        break search.and_more(best, progress)?;
                     }
                     Err(name) => {
                         refuted = Some(selection);
@@ -160,7 +159,7 @@ fn find_along(
             Selection::Pairs => {
                 search.try_pairs(progress)?;
                 match search.clear_pairs() {
-                    Some(paired) => return Ok(search.found(paired)),
+                    Some(paired) => break paired,
                     None => continue,
                 }
             }
@@ -168,10 +167,12 @@ fn find_along(
         // A refusal must not take what carries the explanation together with another effect.
         search.try_pairs(progress)?;
         if let Some(paired) = search.clear_pairs() {
-            return Ok(search.found(paired));
+            break paired;
         }
         search.refuse(refused, progress);
-    }
+    };
+    let best = search.or_rival(best, progress)?;
+    Ok(search.found(best))
 }
 
 /// Added effects with the fit that contains them.

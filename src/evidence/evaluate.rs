@@ -34,15 +34,21 @@ pub fn evaluate_for(
     ranked(problem, chosen, own, BaseFit::new(problem, chosen, settings)?, settings)
 }
 
-/// Assessment of every candidate with `own` first, significant or not, in the noise that is left with it.
+/// Assessment of every candidate next to `others` with `own` first, significant or not, in the noise that is left with all of
+/// them.
 ///
 /// # Errors
 /// As [`evaluate()`].
-pub fn evaluate_in_the_rest(problem: &Problem, own: Chosen, settings: &Settings) -> Result<Ranking, Error> {
+pub fn evaluate_in_the_rest(
+    problem: &Problem,
+    own: Chosen,
+    others: &[Chosen],
+    settings: &Settings,
+) -> Result<Ranking, Error> {
     problem.check()?;
-    let BaseFit { columns, residual, theta, .. } = BaseFit::new(problem, &[], settings)?;
-    let base = BaseFit { columns, residual, theta, ..BaseFit::new(problem, &[own], settings)? };
-    ranked(problem, &[], Some(own.candidate), base, settings)
+    let BaseFit { columns, residual, theta, .. } = BaseFit::new(problem, others, settings)?;
+    let base = BaseFit { columns, residual, theta, ..BaseFit::new(problem, &[others, &[own]].concat(), settings)? };
+    ranked(problem, others, Some(own.candidate), base, settings)
 }
 
 fn ranked(

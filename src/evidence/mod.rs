@@ -56,6 +56,6 @@ pub(crate) use gram::{cut, dot};
 pub use pairs::{Pair, pairs};
 pub use problem::{Candidate, Channel, Chosen, Column, Problem, Settings, Variant};
 pub use ranking::{Absorption, Assessment, Estimate, Ranking, TooFew, Visibility};
-pub use select::{Finding, Outcome, Refit, Step, select, select_with, single};
+pub use select::{Finding, Outcome, Refit, Step, given, select, select_with};
 pub(crate) use special::t_quantile;
 pub use stop::{NEVER, Stop};

@@ -73,16 +73,25 @@ pub fn select(problem: &Problem, settings: &Settings) -> Result<Outcome, Error> 
     select_with(problem, settings, NEVER, |_, _| Ok(Refit::Same), false, &[])
 }
 
-/// Outcome with one effect, significant or not, in the problem `refitted` with it and the noise that it leaves.
+/// Outcome with the `chosen` effects, significant or not, in the problem `refitted` with them and the noise that they leave.
 ///
 /// # Errors
 /// As [`evaluate()`].
-pub fn single(refitted: Problem, chosen: Chosen, settings: &Settings) -> Result<Outcome, Error> {
-    let ranking = evaluate_in_the_rest(&refitted, chosen, settings)?;
-    let remaining = evaluate(&refitted, &[chosen], settings)?;
-    let findings = vec![Finding { chosen, ranking, as_stated: false }];
+pub fn given(refitted: Problem, chosen: &[Chosen], settings: &Settings) -> Result<Outcome, Error> {
+    let finding = |own: &Chosen| {
+        let ranking = evaluate_in_the_rest(&refitted, *own, &others(chosen, *own), settings)?;
+        Ok(Finding { chosen: *own, ranking, as_stated: false })
+    };
+    let findings = chosen.iter().map(finding).collect::<Result<Vec<Finding>, Error>>()?;
+    let remaining = evaluate(&refitted, chosen, settings)?;
+    let rankings = findings.len() + 1;
     let refitted = Some(refitted);
-    Ok(Outcome { steps: Vec::new(), findings, removed: Vec::new(), remaining, refitted, cut_short: false, rankings: 2 })
+    Ok(Outcome { steps: Vec::new(), findings, removed: Vec::new(), remaining, refitted, cut_short: false, rankings })
+}
+
+/// The chosen effects without `own`.
+fn others(chosen: &[Chosen], own: Chosen) -> Vec<Chosen> {
+    chosen.iter().copied().filter(|c| *c != own).collect()
 }
 
 /// Selection with a refit. After every addition `refit` receives the effects in the base and the last ranking, and
@@ -206,9 +215,8 @@ fn prune(
     }
     for round in 0.. {
         let mut findings = Vec::new();
-        for (i, &c) in chosen.iter().enumerate() {
-            let others: Vec<Chosen> = chosen.iter().enumerate().filter(|(k, _)| *k != i).map(|(_, c)| *c).collect();
-            let finding = judged(c, &others, problem, stated, (settings, stop))?;
+        for &c in chosen.iter() {
+            let finding = judged(c, &others(chosen, c), problem, stated, (settings, stop))?;
             *rankings += 1 + usize::from(finding.as_stated);
             findings.push(finding);
         }

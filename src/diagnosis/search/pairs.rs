@@ -7,7 +7,7 @@ use super::{Refitted, Search, Selection, begun_with};
 use crate::diagnosis::DiagnosisError;
 use crate::diagnosis::judge::{Judged, relative_energy};
 use crate::diagnosis::progress::Progress;
-use crate::evidence::{self, Chosen, Pair, Ranking};
+use crate::evidence::{self, Chosen, Outcome, Pair, Ranking, Settings};
 use crate::identification::fit::FitError;
 
 /// Number of pairs that are fitted.
@@ -23,8 +23,15 @@ impl Search<'_> {
         let fitting = self.judge.fitting;
         self.pairs.get_or_init(|| {
             let late = || fitting.is_late();
-            let mut pairs = evidence::pairs(&self.problem, alone, &self.settings, &late).unwrap_or_default();
-            fitting.count_rankings(pairs.len());
+            let of = |alone: &Ranking, settings: &Settings| {
+                evidence::pairs(&self.problem, alone, settings, &late).unwrap_or_default()
+            };
+            let mut pairs = of(alone, &self.settings);
+            let plain = self.plain();
+            if let Ok(alone) = evidence::evaluate(&self.problem, &[], &plain) {
+                pairs.extend(of(&alone, &plain));
+            }
+            fitting.count_rankings(pairs.len() + 1);
             let fitted = beside.and_then(|(first, ranking)| {
                 let (left, second) = *ranking.by_energy(&self.settings).first()?;
                 Some(Pair { chosen: [first, second], left })
@@ -33,8 +40,21 @@ impl Search<'_> {
             pairs.retain(|p| beside.is_none_or(|(first, _)| p.chosen[0] != first) && !p.chosen.iter().any(in_model));
             pairs.extend(fitted);
             pairs.sort_by(|a, b| a.left.total_cmp(&b.left));
+            let of = |pair: &Pair| {
+                let mut of = pair.chosen.map(|c| (c.candidate, c.variant));
+                of.sort_unstable();
+                of
+            };
+            let mut known = Vec::new();
+            pairs.retain(|pair| !known.contains(&of(pair)) && (known.push(of(pair)), true).1);
             pairs
         })
+    }
+
+    /// Settings of least squares in white noise. Two large effects that are slow are noise to the filter that whitens what the
+    /// model leaves, and no effect alone passes it.
+    fn plain(&self) -> Settings {
+        Settings { max_order: 0, ..self.settings.clone() }
     }
 
     /// Whether another pair than the first two `chosen` effects promises to leave clearly less of the error above the
@@ -89,12 +109,24 @@ impl Search<'_> {
             }
         }
         let Some((_, pair)) = best else { return Ok(()) };
-        if let Selection::Complete(complete) = self.select(&pair, progress)? {
-            let (outcome, end) = *complete;
-            // One effect alone is found with its rivals without the other.
-            self.paired = Some(self.confirm_some(outcome, end)?).filter(|standing| standing.without.len() > 1);
-        }
+        let (outcome, end) = match self.select(&pair, progress)? {
+            Selection::Complete(complete) if pair.iter().all(|c| complete.0.found().contains(&c.candidate)) => {
+                *complete
+            }
+            // What the linear problem exchanges for another effect, the validation data may confirm.
+            _ => self.given(&pair)?,
+        };
+        // One effect alone is found with its rivals without the other.
+        self.paired = Some(self.confirm_some(outcome, end)?).filter(|standing| standing.without.len() > 1);
         Ok(())
+    }
+
+    /// The outcome with a pair of effects, significant or not, and its fit.
+    fn given(&self, pair: &[Chosen; 2]) -> Result<(Outcome, Judged), DiagnosisError> {
+        let end = self.fitted_together(pair)?;
+        let outcome = evidence::given(self.relinearised(&end.fit, &self.problem, pair)?, pair, &self.settings)?;
+        self.judge.fitting.count_rankings(outcome.rankings);
+        Ok((outcome, end))
     }
 
     /// The fit with a pair of effects. It begins at the model as stated: without them the parameters imitate both, and may

@@ -103,7 +103,7 @@ fn a_single_effect_needs_no_significance() {
     let p = null_problem(51, false);
     assert!(select(&p, &quick()).unwrap().findings.is_empty());
     let asked = Chosen { candidate: 4, variant: 0 };
-    let o = single(p, asked, &quick()).unwrap();
+    let o = given(p, &[asked], &quick()).unwrap();
     assert_eq!(o.found(), [4]);
     let ranking = &o.findings[0].ranking;
     assert!(ranking.of(4).is_some_and(|a| !a.passes(&quick())) && o.remaining.of(4).is_none());
