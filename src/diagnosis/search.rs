@@ -22,12 +22,13 @@ use super::problem::Edges;
 use super::progress::{Progress, promises};
 use super::{DiagnosisError, problem};
 use crate::effects::{ActiveEffect, Role};
-use crate::evidence::{self, Chosen, Outcome, Pair, Problem, Ranking, Refit, Settings};
+use crate::evidence::{self, Chosen, Outcome, Problem, Ranking, Refit, Settings};
 use crate::gate::carries_weight_alone;
 use crate::identification::fit::{Fit, FitError, is_nonlinear};
 use crate::model::Model;
 use fits::Fits;
 use lag::{DELAY, Lag};
+use pairs::Proposed;
 use standing::Standing;
 
 /// Largest number of effects refused by the validation. After it the answer is what stands of a selection; where no
@@ -197,7 +198,7 @@ struct Search<'a> {
     all: Option<Ranking>,
     fits: Fits,
     /// The best pairs of effects, whether they were tried, and what of the best one is confirmed.
-    pairs: OnceCell<Vec<Pair>>,
+    pairs: OnceCell<Vec<Proposed>>,
     has_paired: bool,
     paired: Option<Standing>,
 }

@@ -10,43 +10,54 @@ use crate::diagnosis::progress::Progress;
 use crate::evidence::{self, Chosen, Outcome, Pair, Ranking, Settings};
 use crate::identification::fit::FitError;
 
-/// Number of pairs that are fitted.
+/// Number of pairs that are fitted, of those by plain least squares and of the others.
 const FITTED: usize = 2;
 
 /// Share of the error above the noise by which one explanation must leave less than another to be preferred.
 const CLEARLY_LESS: f64 = 0.1;
 
+/// Two effects to be fitted together.
+pub(super) struct Proposed {
+    pair: Pair,
+    /// Whether plain least squares propose them. These neglect that noise has a memory: only a pair that leaves nothing but noise
+    /// is worth having then.
+    is_plain: bool,
+}
+
 impl Search<'_> {
     /// Pairs of effects of the linear problem, best first; none if the statistics fail. The fit with an effect and the ranking
-    /// `beside` it add the best pair of that effect.
-    fn pairs(&self, alone: &Ranking, beside: Option<(Chosen, &Ranking)>) -> &[Pair] {
-        let fitting = self.judge.fitting;
+    /// `beside` it add the best pair of that effect. Pairs by plain least squares are among them that leave clearly less.
+    fn pairs(&self, alone: &Ranking, beside: Option<(Chosen, &Ranking)>) -> &[Proposed] {
         self.pairs.get_or_init(|| {
-            let late = || fitting.is_late();
             let of = |alone: &Ranking, settings: &Settings| {
-                evidence::pairs(&self.problem, alone, settings, &late).unwrap_or_default()
+                let late = || self.judge.fitting.is_late();
+                let pairs = evidence::pairs(&self.problem, alone, settings, &late).unwrap_or_default();
+                self.judge.fitting.count_rankings(pairs.len());
+                pairs
             };
-            let mut pairs = of(alone, &self.settings);
-            let plain = self.plain();
-            if let Ok(alone) = evidence::evaluate(&self.problem, &[], &plain) {
-                pairs.extend(of(&alone, &plain));
-            }
-            fitting.count_rankings(pairs.len() + 1);
+            let in_model = |c: &Chosen| self.is_in_model(&self.problem.candidates[c.candidate].name);
             let fitted = beside.and_then(|(first, ranking)| {
                 let (left, second) = *ranking.by_energy(&self.settings).first()?;
                 Some(Pair { chosen: [first, second], left })
             });
-            let in_model = |c: &Chosen| self.is_in_model(&self.problem.candidates[c.candidate].name);
-            pairs.retain(|p| beside.is_none_or(|(first, _)| p.chosen[0] != first) && !p.chosen.iter().any(in_model));
+            let mut pairs = of(alone, &self.settings);
+            pairs.retain(|p| beside.is_none_or(|(first, _)| p.chosen[0] != first));
+            let plain = self.plain();
+            let ranked = |chosen: &[Chosen]| evidence::evaluate(&self.problem, chosen, &plain).ok();
+            let mut slow = ranked(&[]).map_or_else(Vec::new, |alone| of(&alone, &plain));
+            let own = fitted.as_ref().and_then(|Pair { chosen: [first, second], .. }| {
+                let ranking = ranked(&[*first])?;
+                Some(ranking.energy(&ranking.of(second.candidate)?.sum_of_squares))
+            });
+            self.judge.fitting.count_rankings(1 + usize::from(fitted.is_some()));
             pairs.extend(fitted);
-            pairs.sort_by(|a, b| a.left.total_cmp(&b.left));
-            let of = |pair: &Pair| {
-                let mut of = pair.chosen.map(|c| (c.candidate, c.variant));
-                of.sort_unstable();
-                of
-            };
-            let mut known = Vec::new();
-            pairs.retain(|pair| !known.contains(&of(pair)) && (known.push(of(pair)), true).1);
+            let least = pairs.iter().map(|p| p.left).chain(own).fold(f64::INFINITY, f64::min);
+            slow.retain(|p| self.above(p.left) < (1.0 - CLEARLY_LESS) * self.above(least));
+            let proposed = |is_plain: bool| move |pair: Pair| Proposed { pair, is_plain };
+            let slow = slow.into_iter().map(proposed(true));
+            let mut pairs: Vec<Proposed> = pairs.into_iter().map(proposed(false)).chain(slow).collect();
+            pairs.retain(|p| !p.pair.chosen.iter().any(in_model));
+            pairs.sort_by(|a, b| a.pair.left.total_cmp(&b.pair.left));
             pairs
         })
     }
@@ -73,11 +84,11 @@ impl Search<'_> {
             ranking.energy(&self.problem.sum_of_squares(&series))
         };
         let left = fitted.map_or(f64::INFINITY, by_fit).min(ranking.energy(&own.sum_of_squares));
-        let better = |p: &&Pair| {
-            let is_other = p.chosen.iter().any(|c| ![first, second].map(|c| c.candidate).contains(&c.candidate));
-            is_other && self.above(p.left) < (1.0 - CLEARLY_LESS) * self.above(left)
+        let better = |Proposed { pair, .. }: &Proposed| {
+            let is_other = pair.chosen.iter().any(|c| ![first, second].map(|c| c.candidate).contains(&c.candidate));
+            is_other && self.above(pair.left) < (1.0 - CLEARLY_LESS) * self.above(left)
         };
-        self.pairs(alone, Some((*first, ranking))).iter().any(|p| better(&p))
+        self.pairs(alone, Some((*first, ranking))).iter().any(better)
     }
 
     /// The part of an energy above the noise.
@@ -96,15 +107,18 @@ impl Search<'_> {
         let Some(alone) = &self.all else { return Ok(()) };
         progress(Progress::Step("pairs of effects"));
         let mut best: Option<(f64, [Chosen; 2])> = None;
-        for pair in self.pairs(alone, None).iter().take(FITTED) {
+        let pairs = self.pairs(alone, None);
+        let of = |plain: bool| pairs.iter().filter(move |p| p.is_plain == plain).take(FITTED);
+        for Proposed { pair, is_plain } in of(true).chain(of(false)) {
             progress(Progress::Step(&format!("refit with {}", self.names(&pair.chosen).join(" and "))));
             // A pair with which no machine can be fitted is left out.
             let Ok(fitted) = self.fitted_together(&pair.chosen) else { continue };
             let left = relative_energy(&fitted.fit.residuals.rms, &fitting.noise.pooled);
-            if best.is_none_or(|(least, _)| left < least) {
+            let is_noise = !self.judge.is_more_than_noise(fitted.rms());
+            if (is_noise || !is_plain) && best.is_none_or(|(least, _)| left < least) {
                 best = Some((left, pair.chosen));
             }
-            if !self.judge.is_more_than_noise(fitted.rms()) {
+            if is_noise {
                 break;
             }
         }

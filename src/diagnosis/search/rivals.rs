@@ -23,80 +23,98 @@ enum Fitted {
     /// Not confirmed, or with larger losses than the named effect.
     Worse,
     AsGood,
-    /// Its fit has smaller losses.
+    /// With smaller losses than the named effect, or as good as one of several and with fewer parameters.
     Better(Box<Judged>),
 }
 
 impl Search<'_> {
-    /// The named effects of `standing`, or the rival of a single one that fits better; those that fit as well are marked as such.
+    /// The named effects of `standing`, or the rivals that fit better; those that fit as well are marked as such.
     pub(super) fn or_rival(
         &self,
         mut standing: Standing,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Standing, DiagnosisError> {
-        let judge = self.judge;
-        let is_single = standing.outcome.findings.len() == 1;
+        let mut known: Vec<(usize, Vec<(usize, bool)>)> = Vec::new();
         for i in 0..standing.outcome.findings.len() {
-            let (mut fit, mut as_good): (Vec<usize>, Vec<usize>) = Default::default();
-            let rivals = if is_single { self.unfitted(&standing) } else { self.of_several(&standing, i) };
-            for rival in rivals {
-                if judge.fitting.is_late() {
+            // Rivals fitted, and whether they are as good.
+            let mut fitted: Vec<(usize, bool)> = Vec::new();
+            for rival in self.rivals(&standing, i) {
+                if self.judge.fitting.is_late() {
                     break;
                 }
                 progress(Progress::Step(&format!("refit with {} instead", self.shape(&rival).effect.name())));
+                let mut chosen = effects_of(&standing);
+                let own = std::mem::replace(&mut chosen[i], rival);
                 // A rival with which no machine can be fitted is none.
-                let Ok(fitted) = self.instead(&standing, i, rival) else { continue };
-                fit.push(rival.candidate);
-                match fitted {
-                    Fitted::Worse => {}
-                    Fitted::Better(fitted) if is_single => {
-                        let refitted = self.relinearised(&fitted.fit, &self.problem, &[rival])?;
-                        let outcome = evidence::given(refitted, &[rival], &self.settings)?;
-                        judge.fitting.count_rankings(outcome.rankings);
-                        as_good.clear();
-                        standing = Standing { outcome, end: *fitted, ..standing };
+                match self.instead(&standing, i, &chosen) {
+                    Err(_) => {}
+                    Ok(Fitted::Worse) => fitted.push((rival.candidate, false)),
+                    Ok(Fitted::AsGood) => fitted.push((rival.candidate, true)),
+                    Ok(Fitted::Better(better)) => {
+                        let refitted = self.relinearised(&better.fit, &self.problem, &chosen)?;
+                        let outcome = evidence::given(refitted, &chosen, &self.settings)?;
+                        self.judge.fitting.count_rankings(outcome.rankings);
+                        let (t, critical) = self.judge.compare(&better, &standing.end);
+                        let is_worse = t.is_nan() || t >= critical;
+                        fitted.iter_mut().for_each(|(_, is_as_good)| *is_as_good &= !is_worse);
+                        fitted.push((own.candidate, !is_worse));
+                        standing = Standing { outcome, end: *better, ..standing };
                     }
-                    Fitted::AsGood | Fitted::Better(_) => as_good.push(rival.candidate),
                 }
             }
+            known.push((i, fitted));
+        }
+        for (i, fitted) in known {
             let finding = &mut standing.outcome.findings[i];
-            let own = finding.chosen.candidate;
-            let rivals = finding.ranking.candidates.iter_mut();
-            let rivals = rivals.filter(|a| a.candidate != own && fit.contains(&a.candidate));
-            rivals.for_each(|a| a.indistinguishable = as_good.contains(&a.candidate));
+            for a in &mut finding.ranking.candidates {
+                let of = fitted.iter().find(|(candidate, _)| *candidate == a.candidate);
+                if let Some((_, is_as_good)) = of.filter(|_| a.candidate != finding.chosen.candidate) {
+                    a.indistinguishable = *is_as_good;
+                }
+            }
         }
         Ok(standing)
     }
 
-    /// The `rival` in place of the named effect `at` of `standing`, next to the others.
-    fn instead(&self, standing: &Standing, at: usize, rival: Chosen) -> Result<Fitted, FitError> {
-        let mut chosen: Vec<Chosen> = standing.outcome.findings.iter().map(|f| f.chosen).collect();
-        let own = std::mem::replace(&mut chosen[at], rival);
-        let fitted = match &chosen[..] {
-            [_] => self.refit(&chosen, self.all.as_ref())?,
+    /// The fit of the `chosen` effects, those of `standing` with a rival `at` one place.
+    fn instead(&self, standing: &Standing, at: usize, chosen: &[Chosen]) -> Result<Fitted, FitError> {
+        let finding = &standing.outcome.findings[at];
+        let (own, rival) = (self.shape(&finding.chosen), self.shape(&chosen[at]));
+        let fitted = match chosen {
+            [_] => self.refit(chosen, self.all.as_ref())?,
             _ => {
-                let others = without_effects(&standing.end.fit.model, &[self.shape(&own).effect.name()]);
-                let ranking = Some(&standing.outcome.findings[at].ranking);
-                let begun = with_effects(&others, self.candidates, &[rival], ranking);
-                self.fits.of(&chosen, || self.fit(&begun, &chosen))?
+                let others = without_effects(&standing.end.fit.model, &[own.effect.name()]);
+                let begun = with_effects(&others, self.candidates, &chosen[at..=at], Some(&finding.ranking));
+                self.fits.of(chosen, || self.fit(&begun, chosen))?
             }
         };
-        if self.stand(&chosen, &fitted)?.is_err() {
+        if self.stand(chosen, &fitted)?.is_err() {
             return Ok(Fitted::Worse);
         }
         let (t, critical) = self.judge.compare(&standing.end, &fitted);
+        let is_simpler = chosen.len() > 1 && rival.entries().len() < own.entries().len();
         Ok(match t {
             _ if t.is_nan() || t >= critical => Fitted::Worse,
-            _ if t > -critical => Fitted::AsGood,
+            _ if t > -critical && !is_simpler => Fitted::AsGood,
             _ => Fitted::Better(Box::new(fitted)),
         })
+    }
+
+    /// Rivals that are fitted in place of the effect `at` of `standing`.
+    fn rivals(&self, standing: &Standing, at: usize) -> Vec<Chosen> {
+        let finding = &standing.outcome.findings[at];
+        match standing.outcome.findings.len() {
+            _ if !standing.not_tried.is_empty() => Vec::new(),
+            1 => self.unfitted(standing),
+            _ => others(finding.ranking.confidence_set(), finding).take(OF_SEVERAL).collect(),
+        }
     }
 
     /// Rivals of the only effect of `standing` in the problem as stated that the problem linearised with it excludes, and those
     /// in the linearised problem that explain plainly less than it.
     fn unfitted(&self, standing: &Standing) -> Vec<Chosen> {
         let [finding] = &standing.outcome.findings[..] else { return Vec::new() };
-        let Some(all) = self.all.as_ref().filter(|_| standing.not_tried.is_empty()) else { return Vec::new() };
+        let Some(all) = self.all.as_ref() else { return Vec::new() };
         let linearised = finding.ranking.confidence_set();
         let open = all.confidence_set().into_iter().filter(|a| !self.is_in_model(&a.name)).map(chosen);
         let is = |a: &Assessment, c: &Chosen| a.candidate == c.candidate;
@@ -104,15 +122,11 @@ impl Search<'_> {
         let lesser = finding.ranking.lesser();
         open.chain(others(lesser, finding).take(LESSER)).collect()
     }
+}
 
-    /// Rivals of one of several effects of `standing`, given the others.
-    fn of_several(&self, standing: &Standing, at: usize) -> Vec<Chosen> {
-        let finding = &standing.outcome.findings[at];
-        match standing.not_tried.is_empty() {
-            true => others(finding.ranking.confidence_set(), finding).take(OF_SEVERAL).collect(),
-            false => Vec::new(),
-        }
-    }
+/// The effects of `standing`.
+fn effects_of(standing: &Standing) -> Vec<Chosen> {
+    standing.outcome.findings.iter().map(|f| f.chosen).collect()
 }
 
 fn chosen(assessed: &Assessment) -> Chosen {

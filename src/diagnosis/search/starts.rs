@@ -15,7 +15,7 @@ use crate::model::Model;
 const AT_LIMIT: f64 = 1e-3;
 
 /// The fit of `begun`, a model with the `chosen` effects of `problem`. A fit that leaves more than the one `without` them has
-/// diverged, and is made again between possible machines, at last from the one `without` them. If a shape of an effect ends at a
+/// diverged, and is made again from that one between possible machines. If a shape of an effect ends at a
 /// limit, the fit begins again from the best other start of this effect in `problem`. The fit that leaves less is returned.
 pub(in crate::diagnosis) fn fit(
     judge: &Judge,
@@ -31,12 +31,9 @@ pub(in crate::diagnosis) fn fit(
         return Ok(first);
     }
     // The linear problem may begin it far away along what parameters of the model imitate.
-    let from_without = with_effects(&without.fit.model, candidates, chosen, None);
-    for start in [begun, &from_without] {
-        if left(&first) <= left(without) {
-            break;
-        }
-        if let Ok(again) = judge.fitting.fit_possible(start).and_then(|fit| judge.of(fit)) {
+    if left(&first) > left(without) {
+        let from_without = with_effects(&without.fit.model, candidates, chosen, None);
+        if let Ok(again) = judge.fitting.fit_possible(&from_without).and_then(|fit| judge.of(fit)) {
             first = less(first, again);
         }
     }
