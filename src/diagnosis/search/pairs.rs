@@ -13,6 +13,9 @@ use crate::identification::fit::FitError;
 /// Number of pairs that are fitted, of those by plain least squares and of the others.
 const FITTED: usize = 2;
 
+/// Error above the noise, in units of the noise, up to which the linear problem may promise that nothing else is left.
+const HARDLY_MORE: f64 = 2.0;
+
 /// Share of the error above the noise by which one explanation must leave less than another to be preferred.
 const CLEARLY_LESS: f64 = 0.1;
 
@@ -26,7 +29,8 @@ pub(super) struct Proposed {
 
 impl Search<'_> {
     /// Pairs of effects of the linear problem, best first; none if the statistics fail. The fit with an effect and the ranking
-    /// `beside` it add the best pair of that effect. Pairs by plain least squares are among them that leave clearly less.
+    /// `beside` it add the best pair of that effect. Pairs by plain least squares are among them that leave clearly less, and hardly
+    /// more than noise.
     fn pairs(&self, alone: &Ranking, beside: Option<(Chosen, &Ranking)>) -> &[Proposed] {
         self.pairs.get_or_init(|| {
             let of = |alone: &Ranking, settings: &Settings| {
@@ -52,7 +56,8 @@ impl Search<'_> {
             self.judge.fitting.count_rankings(1 + usize::from(fitted.is_some()));
             pairs.extend(fitted);
             let least = pairs.iter().map(|p| p.left).chain(own).fold(f64::INFINITY, f64::min);
-            slow.retain(|p| self.above(p.left) < (1.0 - CLEARLY_LESS) * self.above(least));
+            let most = f64::min((1.0 - CLEARLY_LESS) * self.above(least), HARDLY_MORE * self.judge.floor.len() as f64);
+            slow.retain(|p| self.above(p.left) < most);
             let proposed = |is_plain: bool| move |pair: Pair| Proposed { pair, is_plain };
             let slow = slow.into_iter().map(proposed(true));
             let mut pairs: Vec<Proposed> = pairs.into_iter().map(proposed(false)).chain(slow).collect();
