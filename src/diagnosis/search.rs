@@ -172,6 +172,7 @@ fn find_along(
         }
         search.refuse(refused, progress);
     };
+    let best = search.or_known(best)?;
     let best = search.or_rival(best, progress)?;
     Ok(search.found(best))
 }

@@ -24,12 +24,24 @@ fn key(chosen: &[Chosen]) -> Key {
 impl Fits {
     /// The fit with `chosen`, computed by `make` at the first request.
     pub fn of<E>(&self, chosen: &[Chosen], make: impl FnOnce() -> Result<Judged, E>) -> Result<Judged, E> {
-        let key = key(chosen);
-        if let Some((_, known)) = self.judged.borrow().iter().find(|(k, _)| *k == key) {
-            return Ok(known.clone());
+        if let Some(known) = self.known(chosen) {
+            return Ok(known);
         }
+        let key = key(chosen);
         let made = make()?;
         self.judged.borrow_mut().push((key, made.clone()));
         Ok(made)
+    }
+
+    /// The fit with `chosen` if it was made.
+    pub fn known(&self, chosen: &[Chosen]) -> Option<Judged> {
+        let key = key(chosen);
+        self.judged.borrow().iter().find(|(k, _)| *k == key).map(|(_, known)| known.clone())
+    }
+
+    /// All sets of effects that were fitted, with their fits.
+    pub fn all(&self) -> Vec<(Vec<Chosen>, Judged)> {
+        let chosen = |key: &Key| key.iter().map(|&(candidate, variant)| Chosen { candidate, variant }).collect();
+        self.judged.borrow().iter().map(|(key, judged)| (chosen(key), judged.clone())).collect()
     }
 }

@@ -17,7 +17,7 @@ const FITTED: usize = 2;
 const HARDLY_MORE: f64 = 2.0;
 
 /// Share of the error above the noise by which one explanation must leave less than another to be preferred.
-const CLEARLY_LESS: f64 = 0.1;
+pub(super) const CLEARLY_LESS: f64 = 0.1;
 
 /// Two effects to be fitted together.
 pub(super) struct Proposed {
@@ -111,7 +111,7 @@ impl Search<'_> {
         self.has_paired = true;
         let Some(alone) = &self.all else { return Ok(()) };
         progress(Progress::Step("pairs of effects"));
-        let mut best: Option<(f64, [Chosen; 2])> = None;
+        let mut best: Option<(f64, [Chosen; 2], bool)> = None;
         let pairs = self.pairs(alone, None);
         let of = |plain: bool| pairs.iter().filter(move |p| p.is_plain == plain).take(FITTED);
         for Proposed { pair, is_plain } in of(true).chain(of(false)) {
@@ -120,20 +120,20 @@ impl Search<'_> {
             let Ok(fitted) = self.fitted_together(&pair.chosen) else { continue };
             let left = relative_energy(&fitted.fit.residuals.rms, &fitting.noise.pooled);
             let is_noise = !self.judge.is_more_than_noise(fitted.rms());
-            if (is_noise || !is_plain) && best.is_none_or(|(least, _)| left < least) {
-                best = Some((left, pair.chosen));
+            if (is_noise || !is_plain) && best.is_none_or(|(least, ..)| left < least) {
+                best = Some((left, pair.chosen, is_noise));
             }
             if is_noise {
                 break;
             }
         }
-        let Some((_, pair)) = best else { return Ok(()) };
+        let Some((_, pair, is_noise)) = best else { return Ok(()) };
+        let keeps_both = |outcome: &Outcome| pair.iter().all(|c| outcome.found().contains(&c.candidate));
         let (outcome, end) = match self.select(&pair, progress)? {
-            Selection::Complete(complete) if pair.iter().all(|c| complete.0.found().contains(&c.candidate)) => {
-                *complete
-            }
+            Selection::Complete(complete) if !is_noise || keeps_both(&complete.0) => *complete,
             // What the linear problem exchanges for another effect, the validation data may confirm.
-            _ => self.given(&pair)?,
+            _ if is_noise => self.given(&pair)?,
+            _ => return Ok(()),
         };
         // One effect alone is found with its rivals without the other.
         self.paired = Some(self.confirm_some(outcome, end)?).filter(|standing| standing.without.len() > 1);

@@ -2,9 +2,11 @@
 
 use super::Search;
 use super::models::without_effects;
+use super::pairs::CLEARLY_LESS;
+use crate::diagnosis::DiagnosisError;
 use crate::diagnosis::judge::{Judged, relative_energy};
 use crate::effects::{ActiveEffect, Role};
-use crate::evidence::{Chosen, Outcome, Settings};
+use crate::evidence::{self, Chosen, Outcome, Settings};
 use crate::identification::fit::{Fit, FitError};
 use crate::identification::{Dataset, predict};
 use crate::machine::Unit;
@@ -65,6 +67,38 @@ impl Search<'_> {
         Ok(Standing { outcome, end, without, not_tried })
     }
 
+    /// `standing`, or where its search was cut short, of the sets of effects that were fitted and are confirmed the one that
+    /// leaves least, if that is clearly less.
+    pub(super) fn or_known(&self, standing: Standing) -> Result<Standing, DiagnosisError> {
+        if standing.not_tried.is_empty() {
+            return Ok(standing);
+        }
+        let left = |judged: &Judged| self.above(relative_energy(judged.rms(), &self.judge.floor));
+        let most = (1.0 - CLEARLY_LESS) * left(&standing.end);
+        let mut known = self.fits.all();
+        known.retain(|(chosen, fitted)| !chosen.is_empty() && left(fitted) < most);
+        known.sort_by(|a, b| left(&a.1).total_cmp(&left(&b.1)));
+        for (mut chosen, end) in known {
+            let is_judged = |c: &Chosen| chosen.len() == 1 || self.fits.known(&others(&chosen, c)).is_some();
+            if !chosen.iter().all(is_judged) || self.chosen_lag(&end.fit, &chosen).is_some() {
+                continue;
+            }
+            let Ok(without) = self.stand(&chosen, &end)? else { continue };
+            // The effect whose absence costs most comes first.
+            let mut named: Vec<(Chosen, Vec<f64>)> = chosen.drain(..).zip(without).collect();
+            let energy = |rms: &[f64]| relative_energy(rms, &self.judge.floor);
+            named.sort_by(|a, b| energy(&b.1).total_cmp(&energy(&a.1)));
+            let (chosen, without): (Vec<Chosen>, Vec<Vec<f64>>) = named.into_iter().unzip();
+            let refitted = self.relinearised(&end.fit, &self.problem, &chosen)?;
+            let outcome = evidence::given(refitted, &chosen, &self.settings)?;
+            self.judge.fitting.count_rankings(outcome.rankings);
+            let names = self.names(&chosen);
+            let not_tried = standing.not_tried.into_iter().filter(|name| !names.contains(name)).collect();
+            return Ok(Standing { outcome, end, without, not_tried });
+        }
+        Ok(standing)
+    }
+
     /// RMS residuals without each of the chosen effects, or the name of the weakest that is not confirmed.
     pub(super) fn stand(&self, chosen: &[Chosen], end: &Judged) -> Result<Result<Vec<Vec<f64>>, String>, FitError> {
         let name = |c: &Chosen| self.shape(c).effect.name();
@@ -81,7 +115,7 @@ impl Search<'_> {
         // Of those that do not stand, the one whose absence costs least: any other may only suffer from it.
         let mut weakest: Option<(f64, &str)> = None;
         for c in chosen {
-            let others: Vec<Chosen> = chosen.iter().copied().filter(|other| other != c).collect();
+            let others = others(chosen, c);
             let make = || self.judge.fit(&without_effects(&end.fit.model, &[name(c)]));
             // Where no machine without it can be fitted, the effect is compared with the model without any.
             let without = match others.is_empty() {
@@ -160,6 +194,11 @@ impl Search<'_> {
         }
         Ok((end, without))
     }
+}
+
+/// The chosen effects without one of them.
+fn others(chosen: &[Chosen], one: &Chosen) -> Vec<Chosen> {
+    chosen.iter().copied().filter(|other| other != one).collect()
 }
 
 /// Names of effects left open by an outcome that was cut short: `unjudged` effects and significant candidates.
