@@ -121,18 +121,18 @@ impl Search<'_> {
             let left = relative_energy(&fitted.fit.residuals.rms, &fitting.noise.pooled);
             let is_noise = !self.judge.is_more_than_noise(fitted.rms());
             if (is_noise || !is_plain) && best.is_none_or(|(least, ..)| left < least) {
-                best = Some((left, pair.chosen, is_noise));
+                best = Some((left, pair.chosen, *is_plain));
             }
             if is_noise {
                 break;
             }
         }
-        let Some((_, pair, is_noise)) = best else { return Ok(()) };
+        let Some((_, pair, is_plain)) = best else { return Ok(()) };
         let keeps_both = |outcome: &Outcome| pair.iter().all(|c| outcome.found().contains(&c.candidate));
         let (outcome, end) = match self.select(&pair, progress)? {
-            Selection::Complete(complete) if !is_noise || keeps_both(&complete.0) => *complete,
-            // What the linear problem exchanges for another effect, the validation data may confirm.
-            _ if is_noise => self.given(&pair)?,
+            // What the whitened problem exchanges for another effect, the validation data may confirm.
+            Selection::Complete(complete) if is_plain && !keeps_both(&complete.0) => self.given(&pair)?,
+            Selection::Complete(complete) => *complete,
             _ => return Ok(()),
         };
         // One effect alone is found with its rivals without the other.
