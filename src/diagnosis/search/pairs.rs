@@ -16,14 +16,17 @@ const FITTED: usize = 2;
 /// Error above the noise, in units of the noise, up to which the linear problem may promise that nothing else is left.
 const HARDLY_MORE: f64 = 2.0;
 
+/// Share of the error above the noise of the validation data that is hardly more than none.
+const LITTLE: f64 = 0.05;
+
 /// Share of the error above the noise by which one explanation must leave less than another to be preferred.
 pub(super) const CLEARLY_LESS: f64 = 0.1;
 
 /// Two effects to be fitted together.
 pub(super) struct Proposed {
     pair: Pair,
-    /// Whether plain least squares propose them. These neglect that noise has a memory: only a pair that leaves nothing but noise
-    /// is worth having then.
+    /// Whether plain least squares propose them. These neglect that noise has a memory: only a pair that leaves hardly more than
+    /// noise is worth having then.
     is_plain: bool,
 }
 
@@ -113,6 +116,7 @@ impl Search<'_> {
         progress(Progress::Step("pairs of effects"));
         let mut best: Option<(f64, [Chosen; 2], bool)> = None;
         let pairs = self.pairs(alone, None);
+        let above = |judged: &Judged| self.above(relative_energy(judged.rms(), &self.judge.floor));
         let of = |plain: bool| pairs.iter().filter(move |p| p.is_plain == plain).take(FITTED);
         for Proposed { pair, is_plain } in of(true).chain(of(false)) {
             progress(Progress::Step(&format!("refit with {}", self.names(&pair.chosen).join(" and "))));
@@ -120,7 +124,8 @@ impl Search<'_> {
             let Ok(fitted) = self.fitted_together(&pair.chosen) else { continue };
             let left = relative_energy(&fitted.fit.residuals.rms, &fitting.noise.pooled);
             let is_noise = !self.judge.is_more_than_noise(fitted.rms());
-            if (is_noise || !is_plain) && best.is_none_or(|(least, ..)| left < least) {
+            let is_all = is_noise || above(&fitted) < LITTLE * above(&self.start);
+            if (is_all || !is_plain) && best.is_none_or(|(least, ..)| left < least) {
                 best = Some((left, pair.chosen, *is_plain));
             }
             if is_noise {
