@@ -4,10 +4,11 @@
 //! enters nonlinearly may seem worse there than it is. And one that explains another, faster part of the error may seem as
 //! good to the whitened evidence. A fit of its own decides by the losses on the validation data.
 
+use super::pairs::CLEARLY_LESS;
 use super::standing::Standing;
 use super::{Search, with_effects, without_effects};
 use crate::diagnosis::DiagnosisError;
-use crate::diagnosis::judge::Judged;
+use crate::diagnosis::judge::{Judged, relative_energy};
 use crate::diagnosis::progress::Progress;
 use crate::evidence::{self, Assessment, Chosen, Finding};
 use crate::identification::fit::FitError;
@@ -94,10 +95,23 @@ impl Search<'_> {
         let (t, critical) = self.judge.compare(&standing.end, &fitted);
         let is_simpler = chosen.len() > 1 && rival.entries().len() < own.entries().len();
         Ok(match t {
-            _ if t.is_nan() || t >= critical => Fitted::Worse,
+            _ if t.is_nan() || t >= critical => match self.explains_as_much(standing, at, &fitted) {
+                true => Fitted::AsGood,
+                false => Fitted::Worse,
+            },
             _ if t > -critical && !is_simpler => Fitted::AsGood,
             _ => Fitted::Better(Box::new(fitted)),
         })
+    }
+
+    /// Whether the fit of a rival in place of one of several effects of `standing` loses little of what that explains, where
+    /// more than noise is left: the losses over blocks are those of what nobody knows.
+    fn explains_as_much(&self, standing: &Standing, at: usize, rival: &Judged) -> bool {
+        let left = |rms: &[f64]| relative_energy(rms, &self.judge.floor);
+        let (end, without) = (left(standing.end.rms()), left(&standing.without[at]));
+        standing.without.len() > 1
+            && self.judge.is_more_than_noise(standing.end.rms())
+            && left(rival.rms()) - end < CLEARLY_LESS * (without - end)
     }
 
     /// Rivals that are fitted in place of the effect `at` of `standing`.
