@@ -49,18 +49,11 @@ impl Search<'_> {
             });
             let mut pairs = of(alone, &self.settings);
             pairs.retain(|p| beside.is_none_or(|(first, _)| p.chosen[0] != first));
-            let plain = self.plain();
-            let ranked = |chosen: &[Chosen]| evidence::evaluate(&self.problem, chosen, &plain).ok();
-            let mut slow = ranked(&[]).map_or_else(Vec::new, |alone| of(&alone, &plain));
-            let own = fitted.as_ref().and_then(|Pair { chosen: [first, second], .. }| {
-                let ranking = ranked(&[*first])?;
-                Some(ranking.energy(&ranking.of(second.candidate)?.sum_of_squares))
-            });
-            self.judge.fitting.count_rankings(1 + usize::from(fitted.is_some()));
+            let own = fitted.as_ref().map(|own| own.chosen);
             pairs.extend(fitted);
-            let least = pairs.iter().map(|p| p.left).chain(own).fold(f64::INFINITY, f64::min);
-            let most = f64::min((1.0 - CLEARLY_LESS) * self.above(least), HARDLY_MORE * self.judge.floor.len() as f64);
-            slow.retain(|p| self.above(p.left) < most);
+            let least = pairs.iter().map(|p| p.left).fold(f64::INFINITY, f64::min);
+            let slow =
+                if self.above(least) > self.hardly_more() { self.slow_pairs(own, least, &of) } else { Vec::new() };
             let proposed = |is_plain: bool| move |pair: Pair| Proposed { pair, is_plain };
             let slow = slow.into_iter().map(proposed(true));
             let mut pairs: Vec<Proposed> = pairs.into_iter().map(proposed(false)).chain(slow).collect();
@@ -70,10 +63,32 @@ impl Search<'_> {
         })
     }
 
-    /// Settings of least squares in white noise. Two large effects that are slow are noise to the filter that whitens what the
-    /// model leaves, and no effect alone passes it.
-    fn plain(&self) -> Settings {
-        Settings { max_order: 0, ..self.settings.clone() }
+    /// Pairs by plain least squares, in white noise, that promise hardly more than noise, and clearly less than `least` and than
+    /// they do of the `own` pair. Two large effects that are slow are noise to the filter that whitens what the model leaves, and
+    /// no effect alone passes it.
+    fn slow_pairs(
+        &self,
+        own: Option<[Chosen; 2]>,
+        least: f64,
+        of: &dyn Fn(&Ranking, &Settings) -> Vec<Pair>,
+    ) -> Vec<Pair> {
+        let plain = Settings { max_order: 0, ..self.settings.clone() };
+        let ranked = |chosen: &[Chosen]| evidence::evaluate(&self.problem, chosen, &plain).ok();
+        let own_left = own.and_then(|[first, second]| {
+            let ranking = ranked(&[first])?;
+            Some(ranking.energy(&ranking.of(second.candidate)?.sum_of_squares))
+        });
+        self.judge.fitting.count_rankings(1 + usize::from(own.is_some()));
+        let least = own_left.map_or(least, |own| own.min(least));
+        let most = f64::min((1.0 - CLEARLY_LESS) * self.above(least), self.hardly_more());
+        let mut slow = ranked(&[]).map_or_else(Vec::new, |alone| of(&alone, &plain));
+        slow.retain(|p| self.above(p.left) < most);
+        slow
+    }
+
+    /// Energy above the noise that is hardly more than none.
+    fn hardly_more(&self) -> f64 {
+        HARDLY_MORE * self.judge.floor.len() as f64
     }
 
     /// Whether another pair than the first two `chosen` effects promises to leave clearly less of the error above the
