@@ -47,7 +47,7 @@ impl Search<'_> {
         };
         let alternatives = alternatives.into_iter().map(|(chosen, least)| (vec![chosen], least)).collect();
         let fit = |chosen: &[Chosen]| self.refit(chosen, self.all.as_ref());
-        let found = self.best_of((alternatives, &fit), before, progress)?;
+        let found = self.best_of(alternatives, &fit, before, progress)?;
         Ok(found.filter(|found| !found.outcome.findings.is_empty()).unwrap_or(standing))
     }
 
@@ -73,7 +73,7 @@ impl Search<'_> {
             let begun = with_effects(&standing.end.fit.model, self.candidates, newest, ranking);
             self.fits.of(chosen, || self.fit(&begun, chosen))
         };
-        let found = self.best_of((more, &fit), before, progress)?;
+        let found = self.best_of(more, &fit, before, progress)?;
         Ok(found.filter(|found| found.outcome.findings.len() > named.len()).unwrap_or(standing))
     }
 
@@ -91,7 +91,8 @@ impl Search<'_> {
     /// was left `before`.
     fn best_of(
         &self,
-        (effects, fit): (Vec<(Vec<Chosen>, f64)>, &dyn Fn(&[Chosen]) -> Result<Judged, FitError>),
+        effects: Vec<(Vec<Chosen>, f64)>,
+        fit: &dyn Fn(&[Chosen]) -> Result<Judged, FitError>,
         before: f64,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Option<Standing>, DiagnosisError> {
