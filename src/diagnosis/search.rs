@@ -471,6 +471,24 @@ impl<'a> Search<'a> {
         &self.candidates[chosen.candidate][chosen.variant]
     }
 
+    /// The outcome with `chosen` effects, significant or not, and their fit.
+    fn given(&self, chosen: &[Chosen], fitted: &Fit) -> Result<Outcome, DiagnosisError> {
+        let refitted = self.relinearised(fitted, &self.problem, chosen)?;
+        let outcome = evidence::given(refitted, chosen, &self.settings)?;
+        self.judge.fitting.count_rankings(outcome.rankings);
+        Ok(outcome)
+    }
+
+    /// Error above the noise of the validation data.
+    fn left(&self, judged: &Judged) -> f64 {
+        self.above(relative_energy(judged.rms(), &self.judge.floor))
+    }
+
+    /// The part of an energy above the noise.
+    fn above(&self, energy: f64) -> f64 {
+        energy - self.judge.floor.len() as f64
+    }
+
     fn refit(&self, chosen: &[Chosen], ranking: Option<&Ranking>) -> Result<Judged, FitError> {
         self.fits.of(chosen, || {
             let models = [&self.start.fit.model, &self.stated_model()];

@@ -11,11 +11,11 @@
 use super::standing::Standing;
 use super::{Search, with_effects};
 use crate::diagnosis::DiagnosisError;
-use crate::diagnosis::judge::{Judged, relative_energy};
+use crate::diagnosis::judge::Judged;
 use crate::diagnosis::orders;
 use crate::diagnosis::progress::Progress;
 use crate::effects::cogging;
-use crate::evidence::{self, Assessment, Chosen, Ranking};
+use crate::evidence::{Assessment, Chosen, Ranking};
 use crate::identification::fit::FitError;
 
 /// Number of effects that are fitted.
@@ -82,11 +82,6 @@ impl Search<'_> {
         standing.not_tried.is_empty() && self.settings.max_steps > 0 && !self.judge.fitting.is_late()
     }
 
-    /// Error above the noise of the validation data.
-    fn left(&self, judged: &Judged) -> f64 {
-        self.above(relative_energy(judged.rms(), &self.judge.floor))
-    }
-
     /// What is confirmed of those effects whose fit leaves least of the validation data, if they gain their least share of what
     /// was left `before`.
     fn best_of(
@@ -108,9 +103,7 @@ impl Search<'_> {
             }
         }
         let Some((_, chosen, end)) = best else { return Ok(None) };
-        let refitted = self.relinearised(&end.fit, &self.problem, &chosen)?;
-        let outcome = evidence::given(refitted, &chosen, &self.settings)?;
-        self.judge.fitting.count_rankings(outcome.rankings);
+        let outcome = self.given(&chosen, &end.fit)?;
         Ok(Some(self.confirm_some(outcome, end)?))
     }
 

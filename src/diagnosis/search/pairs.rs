@@ -114,11 +114,6 @@ impl Search<'_> {
         self.pairs(alone, Some((*first, ranking))).iter().any(better)
     }
 
-    /// The part of an energy above the noise.
-    pub(super) fn above(&self, energy: f64) -> f64 {
-        energy - self.judge.floor.len() as f64
-    }
-
     /// Fits the best pairs of effects together and continues the selection from the one that leaves least, once per
     /// starting model. Of what is selected, what is confirmed is kept.
     pub(super) fn try_pairs(&mut self, progress: &mut dyn FnMut(Progress)) -> Result<(), DiagnosisError> {
@@ -131,7 +126,6 @@ impl Search<'_> {
         progress(Progress::Step("pairs of effects"));
         let mut best: Option<(f64, [Chosen; 2], bool)> = None;
         let pairs = self.pairs(alone, None);
-        let above = |judged: &Judged| self.above(relative_energy(judged.rms(), &self.judge.floor));
         let of = |plain: bool| pairs.iter().filter(move |p| p.is_plain == plain).take(FITTED);
         for Proposed { pair, is_plain } in of(true).chain(of(false)) {
             progress(Progress::Step(&format!("refit with {}", self.names(&pair.chosen).join(" and "))));
@@ -139,7 +133,7 @@ impl Search<'_> {
             let Ok(fitted) = self.fitted_together(&pair.chosen) else { continue };
             let left = relative_energy(&fitted.fit.residuals.rms, &fitting.noise.pooled);
             let is_noise = !self.judge.is_more_than_noise(fitted.rms());
-            let is_all = is_noise || above(&fitted) < LITTLE * above(&self.start);
+            let is_all = is_noise || self.left(&fitted) < LITTLE * self.left(&self.start);
             if (is_all || !is_plain) && best.is_none_or(|(least, ..)| left < least) {
                 best = Some((left, pair.chosen, *is_plain));
             }
@@ -151,21 +145,16 @@ impl Search<'_> {
         let keeps_both = |outcome: &Outcome| pair.iter().all(|c| outcome.found().contains(&c.candidate));
         let (outcome, end) = match self.select(&pair, progress)? {
             // What the whitened problem exchanges for another effect, the validation data may confirm.
-            Selection::Complete(complete) if is_plain && !keeps_both(&complete.0) => self.given(&pair)?,
+            Selection::Complete(complete) if is_plain && !keeps_both(&complete.0) => {
+                let end = self.fitted_together(&pair)?;
+                (self.given(&pair, &end.fit)?, end)
+            }
             Selection::Complete(complete) => *complete,
             _ => return Ok(()),
         };
         // One effect alone is found with its rivals without the other.
         self.paired = Some(self.confirm_some(outcome, end)?).filter(|standing| standing.without.len() > 1);
         Ok(())
-    }
-
-    /// The outcome with a pair of effects, significant or not, and its fit.
-    fn given(&self, pair: &[Chosen; 2]) -> Result<(Outcome, Judged), DiagnosisError> {
-        let end = self.fitted_together(pair)?;
-        let outcome = evidence::given(self.relinearised(&end.fit, &self.problem, pair)?, pair, &self.settings)?;
-        self.judge.fitting.count_rankings(outcome.rankings);
-        Ok((outcome, end))
     }
 
     /// The fit with a pair of effects. It begins at the model as stated: without them the parameters imitate both, and may
@@ -188,8 +177,8 @@ impl Search<'_> {
 
     /// The selection that began with a pair if it leaves clearly less of the error above the noise than `standing`.
     pub(super) fn better_of(&mut self, standing: Standing) -> Standing {
-        let left = |s: &Standing| self.above(relative_energy(s.end.rms(), &self.judge.floor));
-        let is_better = self.paired.as_ref().is_some_and(|p| left(p) < (1.0 - CLEARLY_LESS) * left(&standing));
+        let most = (1.0 - CLEARLY_LESS) * self.left(&standing.end);
+        let is_better = self.paired.as_ref().is_some_and(|p| self.left(&p.end) < most);
         self.paired.take().filter(|_| is_better).unwrap_or(standing)
     }
 }

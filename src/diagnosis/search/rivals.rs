@@ -10,7 +10,7 @@ use super::{Search, with_effects, without_effects};
 use crate::diagnosis::DiagnosisError;
 use crate::diagnosis::judge::{Judged, relative_energy};
 use crate::diagnosis::progress::Progress;
-use crate::evidence::{self, Assessment, Chosen, Finding};
+use crate::evidence::{Assessment, Chosen, Finding};
 use crate::identification::fit::FitError;
 
 /// Number of rivals of a single effect that are fitted: of those that the problem as stated cannot exclude, and of those that
@@ -52,9 +52,7 @@ impl Search<'_> {
                     Ok(Fitted::Worse) => fitted.push((rival.candidate, false)),
                     Ok(Fitted::AsGood) => fitted.push((rival.candidate, true)),
                     Ok(Fitted::Better(better)) => {
-                        let refitted = self.relinearised(&better.fit, &self.problem, &chosen)?;
-                        let outcome = evidence::given(refitted, &chosen, &self.settings)?;
-                        self.judge.fitting.count_rankings(outcome.rankings);
+                        let outcome = self.given(&chosen, &better.fit)?;
                         let (t, critical) = self.judge.compare(&better, &standing.end);
                         let is_worse = t.is_nan() || t >= critical;
                         fitted.iter_mut().for_each(|(_, is_as_good)| *is_as_good &= !is_worse);

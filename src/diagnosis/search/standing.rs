@@ -6,7 +6,7 @@ use super::pairs::CLEARLY_LESS;
 use crate::diagnosis::DiagnosisError;
 use crate::diagnosis::judge::{Judged, relative_energy};
 use crate::effects::{ActiveEffect, Role};
-use crate::evidence::{self, Chosen, Outcome, Settings};
+use crate::evidence::{Chosen, Outcome, Settings};
 use crate::identification::fit::{Fit, FitError};
 use crate::identification::{Dataset, predict};
 use crate::machine::Unit;
@@ -73,11 +73,10 @@ impl Search<'_> {
         if standing.not_tried.is_empty() {
             return Ok(standing);
         }
-        let left = |judged: &Judged| self.above(relative_energy(judged.rms(), &self.judge.floor));
-        let most = (1.0 - CLEARLY_LESS) * left(&standing.end);
+        let most = (1.0 - CLEARLY_LESS) * self.left(&standing.end);
         let mut known = self.fits.all();
-        known.retain(|(chosen, fitted)| !chosen.is_empty() && left(fitted) < most);
-        known.sort_by(|a, b| left(&a.1).total_cmp(&left(&b.1)));
+        known.retain(|(chosen, fitted)| !chosen.is_empty() && self.left(fitted) < most);
+        known.sort_by(|a, b| self.left(&a.1).total_cmp(&self.left(&b.1)));
         for (mut chosen, end) in known {
             let is_judged = |c: &Chosen| chosen.len() == 1 || self.fits.known(&others(&chosen, c)).is_some();
             if !chosen.iter().all(is_judged) || self.chosen_lag(&end.fit, &chosen).is_some() {
@@ -89,9 +88,7 @@ impl Search<'_> {
             let energy = |rms: &[f64]| relative_energy(rms, &self.judge.floor);
             named.sort_by(|a, b| energy(&b.1).total_cmp(&energy(&a.1)));
             let (chosen, without): (Vec<Chosen>, Vec<Vec<f64>>) = named.into_iter().unzip();
-            let refitted = self.relinearised(&end.fit, &self.problem, &chosen)?;
-            let outcome = evidence::given(refitted, &chosen, &self.settings)?;
-            self.judge.fitting.count_rankings(outcome.rankings);
+            let outcome = self.given(&chosen, &end.fit)?;
             let names = self.names(&chosen);
             let not_tried = standing.not_tried.into_iter().filter(|name| !names.contains(name)).collect();
             return Ok(Standing { outcome, end, without, not_tried });
