@@ -135,17 +135,17 @@ impl Search<'_> {
             let is_noise = !self.judge.is_more_than_noise(fitted.rms());
             let is_all = is_noise || self.left(&fitted) < LITTLE * self.left(&self.start);
             if (is_all || !is_plain) && best.is_none_or(|(least, ..)| left < least) {
-                best = Some((left, pair.chosen, *is_plain));
+                best = Some((left, pair.chosen, is_noise || *is_plain));
             }
             if is_noise {
                 break;
             }
         }
-        let Some((_, pair, is_plain)) = best else { return Ok(()) };
+        let Some((_, pair, is_enough)) = best else { return Ok(()) };
         let keeps_both = |outcome: &Outcome| pair.iter().all(|c| outcome.found().contains(&c.candidate));
         let (outcome, end) = match self.select(&pair, progress)? {
-            // What the whitened problem exchanges for another effect, the validation data may confirm.
-            Selection::Complete(complete) if is_plain && !keeps_both(&complete.0) => {
+            // What the linear problem exchanges for another effect, the validation data may confirm.
+            Selection::Complete(complete) if is_enough && !keeps_both(&complete.0) => {
                 let end = self.fitted_together(&pair)?;
                 (self.given(&pair, &end.fit)?, end)
             }
