@@ -1,7 +1,8 @@
 //! Forward selection of effects on the robot's own model, with validation of every selected effect.
 //!
 //! A fit with a given set of effects is computed once and reused. When the time is up, the result is the longest
-//! sequence of effects, in the order of their addition, that the validation data confirm.
+//! sequence of effects, in the order of their addition, that the validation data confirm, or the confirmed set of all fits
+//! that leaves clearly less.
 
 pub(super) mod lag;
 
@@ -440,7 +441,7 @@ impl<'a> Search<'a> {
         last: Option<Refitted>,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Selection, DiagnosisError> {
-        let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
+        let chosen: Vec<Chosen> = outcome.chosen();
         let end = match last {
             _ if chosen.is_empty() => self.start.clone(),
             Some((before, fitted)) if before == chosen => fitted,

@@ -56,6 +56,7 @@ pub(crate) use gram::{cut, dot};
 pub use pairs::{Pair, pairs};
 pub use problem::{Candidate, Channel, Chosen, Column, Problem, Settings, Variant};
 pub use ranking::{Absorption, Assessment, Estimate, Ranking, TooFew, Visibility};
+pub(crate) use select::others;
 pub use select::{Finding, Outcome, Refit, Step, given, select, select_with};
 pub(crate) use special::t_quantile;
 pub use stop::{NEVER, Stop};

@@ -110,6 +110,11 @@ pub struct Assessment {
 }
 
 impl Assessment {
+    /// The candidate with its best variant.
+    pub fn chosen(&self) -> Chosen {
+        Chosen { candidate: self.candidate, variant: self.variant }
+    }
+
     /// Largest relevance over the channels.
     pub fn max_relevance(&self) -> f64 {
         self.relevance.iter().fold(0.0, |a, &b| a.max(b))
@@ -187,7 +192,7 @@ impl Ranking {
     /// units of the noise; the one that leaves least first.
     pub fn by_energy(&self, settings: &Settings) -> Vec<(f64, Chosen)> {
         let left = |a: &Assessment| self.energy(&a.sum_of_squares);
-        let one = |a: &Assessment| (left(a), Chosen { candidate: a.candidate, variant: a.variant });
+        let one = |a: &Assessment| (left(a), a.chosen());
         let mut all: Vec<_> = self.candidates.iter().filter(|a| a.passes(settings)).map(one).collect();
         all.sort_by(|a, b| a.0.total_cmp(&b.0));
         all

@@ -3,7 +3,7 @@
 use super::Error;
 use super::evaluate::{evaluate, evaluate_for, evaluate_in_the_rest};
 use super::problem::{Chosen, Problem, Settings};
-use super::ranking::Ranking;
+use super::ranking::{Assessment, Ranking};
 use super::stop::{NEVER, Stop};
 
 /// One effect added.
@@ -59,6 +59,11 @@ pub struct Outcome {
 }
 
 impl Outcome {
+    /// The retained effects, in the order they were added.
+    pub fn chosen(&self) -> Vec<Chosen> {
+        self.findings.iter().map(|f| f.chosen).collect()
+    }
+
     /// Indices of the found candidates.
     pub fn found(&self) -> Vec<usize> {
         self.findings.iter().map(|f| f.chosen.candidate).collect()
@@ -90,7 +95,7 @@ pub fn given(refitted: Problem, chosen: &[Chosen], settings: &Settings) -> Resul
 }
 
 /// The chosen effects without `own`.
-fn others(chosen: &[Chosen], own: Chosen) -> Vec<Chosen> {
+pub(crate) fn others(chosen: &[Chosen], own: Chosen) -> Vec<Chosen> {
     chosen.iter().copied().filter(|c| *c != own).collect()
 }
 
@@ -125,7 +130,7 @@ where
         rankings += 1;
         let ranking = evaluate(refitted.as_ref().unwrap_or(problem), &chosen, settings)?;
         let best = ranking.winner().filter(|_| steps.len() < settings.max_steps);
-        let best = best.map(|best| Chosen { candidate: best.candidate, variant: best.variant });
+        let best = best.map(Assessment::chosen);
         let Some(added) = begun.get(steps.len()).copied().or(best) else { break ranking };
         if stop() {
             cut_short = true;
@@ -231,7 +236,7 @@ fn prune(
         }
         let better = findings.iter().enumerate().find_map(|(i, f)| {
             let winner = f.ranking.winner()?;
-            let best = Chosen { candidate: winner.candidate, variant: winner.variant };
+            let best = winner.chosen();
             (best.candidate != f.chosen.candidate).then_some((i, best))
         });
         match better.filter(|_| round < settings.max_steps && !stop()) {

@@ -57,7 +57,7 @@ impl Search<'_> {
         standing: Standing,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Standing, DiagnosisError> {
-        let named: Vec<Chosen> = standing.outcome.findings.iter().map(|f| f.chosen).collect();
+        let named: Vec<Chosen> = standing.outcome.chosen();
         if named.is_empty() || !self.is_open(&standing) || !self.judge.is_more_than_noise(standing.end.rms()) {
             return Ok(standing);
         }
@@ -162,7 +162,6 @@ impl Search<'_> {
         let mut promising: Vec<&Assessment> = ranking.candidates.iter().filter(is_possible).collect();
         promising.retain(|a| left(a) <= most);
         promising.sort_by(|a, b| left(a).total_cmp(&left(b)));
-        let chosen = |a: &&Assessment| Chosen { candidate: a.candidate, variant: a.variant };
-        promising.iter().take(FITTED).map(chosen).collect()
+        promising.into_iter().take(FITTED).map(Assessment::chosen).collect()
     }
 }

@@ -44,7 +44,7 @@ impl Search<'_> {
                     break;
                 }
                 progress(Progress::Step(&format!("refit with {} instead", self.shape(&rival).effect.name())));
-                let mut chosen = effects_of(&standing);
+                let mut chosen = standing.outcome.chosen();
                 let own = std::mem::replace(&mut chosen[i], rival);
                 // A rival with which no machine can be fitted is none.
                 match self.instead(&standing, i, &chosen) {
@@ -102,8 +102,8 @@ impl Search<'_> {
         })
     }
 
-    /// Whether the fit of a rival in place of one of several effects of `standing` loses little of what that explains, where
-    /// more than noise is left: the losses over blocks are those of what nobody knows.
+    /// Whether the fit of a rival explains nearly as much as the effect `at` of several in `standing`, where more than noise is
+    /// left. There the losses over blocks depend on the unknown error as well, and do not decide.
     fn explains_as_much(&self, standing: &Standing, at: usize, rival: &Judged) -> bool {
         let left = |rms: &[f64]| relative_energy(rms, &self.judge.floor);
         let (end, without) = (left(standing.end.rms()), left(&standing.without[at]));
@@ -128,7 +128,7 @@ impl Search<'_> {
         let [finding] = &standing.outcome.findings[..] else { return Vec::new() };
         let Some(all) = self.all.as_ref() else { return Vec::new() };
         let linearised = finding.ranking.confidence_set();
-        let open = all.confidence_set().into_iter().filter(|a| !self.is_in_model(&a.name)).map(chosen);
+        let open = all.confidence_set().into_iter().filter(|a| !self.is_in_model(&a.name)).map(Assessment::chosen);
         let is = |a: &Assessment, c: &Chosen| a.candidate == c.candidate;
         let open = open.filter(|c| *c != finding.chosen && !linearised.iter().any(|a| is(a, c))).take(FITTED);
         let lesser = finding.ranking.lesser();
@@ -136,16 +136,7 @@ impl Search<'_> {
     }
 }
 
-/// The effects of `standing`.
-fn effects_of(standing: &Standing) -> Vec<Chosen> {
-    standing.outcome.findings.iter().map(|f| f.chosen).collect()
-}
-
-fn chosen(assessed: &Assessment) -> Chosen {
-    Chosen { candidate: assessed.candidate, variant: assessed.variant }
-}
-
 /// Candidates of a ranking without that of the finding.
 fn others<'a>(all: Vec<&'a Assessment>, finding: &'a Finding) -> impl Iterator<Item = Chosen> + use<'a> {
-    all.into_iter().map(chosen).filter(|c| c.candidate != finding.chosen.candidate)
+    all.into_iter().map(Assessment::chosen).filter(|c| c.candidate != finding.chosen.candidate)
 }

@@ -6,7 +6,7 @@ use super::pairs::CLEARLY_LESS;
 use crate::diagnosis::DiagnosisError;
 use crate::diagnosis::judge::{Judged, relative_energy};
 use crate::effects::{ActiveEffect, Role};
-use crate::evidence::{Chosen, Outcome, Settings};
+use crate::evidence::{Chosen, Outcome, Settings, others};
 use crate::identification::fit::{Fit, FitError};
 use crate::identification::{Dataset, predict};
 use crate::machine::Unit;
@@ -35,7 +35,7 @@ impl Search<'_> {
         if outcome.cut_short || self.judge.fitting.is_late() || self.is_exhausted() {
             return self.confirm_some(outcome, end).map(Ok);
         }
-        let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
+        let chosen: Vec<Chosen> = outcome.chosen();
         let without = self.stand(&chosen, &end)?;
         Ok(without.map(|without| Standing { outcome, end, without, not_tried: Vec::new() }))
     }
@@ -43,7 +43,7 @@ impl Search<'_> {
     /// What of a selection is confirmed: all of it, or what stands after those that do not were taken out, one at a time.
     pub(super) fn confirm_some(&self, mut outcome: Outcome, mut end: Judged) -> Result<Standing, FitError> {
         while !outcome.cut_short && !self.judge.fitting.is_late() {
-            let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
+            let chosen: Vec<Chosen> = outcome.chosen();
             let refused = match self.stand(&chosen, &end)? {
                 Ok(without) => return Ok(Standing { outcome, end, without, not_tried: Vec::new() }),
                 Err(name) => name,
@@ -58,7 +58,7 @@ impl Search<'_> {
 
     /// The longest leading sequence of a selection that is confirmed.
     fn leading(&self, mut outcome: Outcome) -> Result<Standing, FitError> {
-        let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
+        let chosen: Vec<Chosen> = outcome.chosen();
         let (end, without) = self.longest_standing(&chosen)?;
         outcome.findings.truncate(without.len());
         let unjudged = self.names(&chosen[without.len()..]);
@@ -77,14 +77,14 @@ impl Search<'_> {
         let mut known = self.fits.all();
         known.retain(|(chosen, fitted)| !chosen.is_empty() && self.left(fitted) < most);
         known.sort_by(|a, b| self.left(&a.1).total_cmp(&self.left(&b.1)));
-        for (mut chosen, end) in known {
-            let is_judged = |c: &Chosen| chosen.len() == 1 || self.fits.known(&others(&chosen, c)).is_some();
+        for (chosen, end) in known {
+            let is_judged = |c: &Chosen| chosen.len() == 1 || self.fits.known(&others(&chosen, *c)).is_some();
             if !chosen.iter().all(is_judged) || self.chosen_lag(&end.fit, &chosen).is_some() {
                 continue;
             }
             let Ok(without) = self.stand(&chosen, &end)? else { continue };
             // The effect whose absence costs most comes first.
-            let mut named: Vec<(Chosen, Vec<f64>)> = chosen.drain(..).zip(without).collect();
+            let mut named: Vec<(Chosen, Vec<f64>)> = chosen.into_iter().zip(without).collect();
             let energy = |rms: &[f64]| relative_energy(rms, &self.judge.floor);
             named.sort_by(|a, b| energy(&b.1).total_cmp(&energy(&a.1)));
             let (chosen, without): (Vec<Chosen>, Vec<Vec<f64>>) = named.into_iter().unzip();
@@ -112,7 +112,7 @@ impl Search<'_> {
         // Of those that do not stand, the one whose absence costs least: any other may only suffer from it.
         let mut weakest: Option<(f64, &str)> = None;
         for c in chosen {
-            let others = others(chosen, c);
+            let others = others(chosen, *c);
             let make = || self.judge.fit(&without_effects(&end.fit.model, &[name(c)]));
             // Where no machine without it can be fitted, the effect is compared with the model without any.
             let without = match others.is_empty() {
@@ -191,11 +191,6 @@ impl Search<'_> {
         }
         Ok((end, without))
     }
-}
-
-/// The chosen effects without one of them.
-fn others(chosen: &[Chosen], one: &Chosen) -> Vec<Chosen> {
-    chosen.iter().copied().filter(|other| other != one).collect()
 }
 
 /// Names of effects left open by an outcome that was cut short: `unjudged` effects and significant candidates.
