@@ -40,10 +40,6 @@ const FEW: f64 = 0.3;
 /// because the drift intensity is estimated from a few slow cosines only.
 const MAX_DRIFT_GAIN: f64 = 50.0;
 
-/// Share of the error above the noise of held-out data that an effect must take there to be no drift: each recording drifts
-/// differently.
-const REPEATED: f64 = 0.5;
-
 /// Ratio of the RMS residual to the noise floor above which it is not explained by controller or filter.
 pub(super) const UNEXPLAINED: f64 = 1.15;
 
@@ -234,9 +230,9 @@ impl<'a> Judge<'a> {
         let stays = held_out >= share.max(ABOVE_THE_REST * left)
             && self.is_relevant(&before, &after)
             && self.is_relevant(without.rms(), with.rms());
-        let above = relative_energy(&before, &self.floor) - self.floor.len() as f64;
-        let is_repeated = !self.held_out.is_empty() && held_out >= REPEATED * above;
-        Ok(stays && (is_repeated || !self.fitting.wanders(&without.fit, &with.fit)?))
+        // Each recording drifts differently.
+        let is_repeated = || !self.held_out.is_empty() && !wanders_in(self.held_out, without, with);
+        Ok(stays && (!self.fitting.wanders(&without.fit, &with.fit)? || is_repeated()))
     }
 }
 

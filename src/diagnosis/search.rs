@@ -161,7 +161,7 @@ fn find_along(
             Selection::Pairs => {
                 search.try_pairs(progress)?;
                 match search.clear_pairs() {
-                    Some(paired) => break paired,
+                    Some(paired) => break search.and_more(paired, progress)?,
                     None => continue,
                 }
             }
@@ -169,7 +169,7 @@ fn find_along(
         // A refusal must not take what carries the explanation together with another effect.
         search.try_pairs(progress)?;
         if let Some(paired) = search.clear_pairs() {
-            break paired;
+            break search.and_more(paired, progress)?;
         }
         search.refuse(refused, progress);
     };
@@ -333,6 +333,7 @@ impl<'a> Search<'a> {
         let outcome = outcome?;
         if self.all.is_none() {
             progress(Progress::Ranked(&promises(&outcome.remaining)));
+            self.all = Some(outcome.remaining.clone());
         }
         self.complete(outcome, last, progress)
     }

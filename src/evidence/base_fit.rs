@@ -11,7 +11,7 @@ use super::noise::correlation_time;
 use super::predict::subtract;
 use super::problem::{Channel, Chosen, Column, Problem, Settings, Variant};
 use super::project::pseudo_inverse;
-use super::ranking::TooFew;
+use super::ranking::{Ranking, TooFew};
 use super::score::Remainder;
 use super::whiten::ArFilter;
 
@@ -149,6 +149,13 @@ impl<'a> BaseFit<'a> {
 
     pub fn rows(&self, problem: &Problem) -> usize {
         usable(&problem.segments, self.skip()) * self.filters.iter().filter(|f| f.sigma > 0.0).count()
+    }
+
+    /// The fit in the noise of a ranking, which may be estimated with a further effect.
+    pub fn in_noise_of(mut self, problem: &Problem, ranking: &Ranking, settings: &Settings) -> Result<Self, Error> {
+        self.filters.clone_from(&ranking.filters);
+        self.cut(problem, settings, ranking.correlation_time)?;
+        Ok(self)
     }
 
     fn cut(&mut self, problem: &Problem, settings: &Settings, time: f64) -> Result<(), Error> {

@@ -121,7 +121,7 @@ impl<'a> Drawn<'a> {
         assessed: &[&Assessment],
         truths: usize,
     ) -> Result<Self, Error> {
-        let mut base = BaseFit::new(problem, &ranking.chosen, settings)?;
+        let mut base = BaseFit::new(problem, &ranking.chosen, settings)?.in_noise_of(problem, ranking, settings)?;
         let places = assessed.iter().map(|a| (a.candidate, a.variant)).collect();
         let Entries { list, grams, rest, .. } = base.assess(problem, places)?;
         base.update(&rest.base);

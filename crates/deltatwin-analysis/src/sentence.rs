@@ -26,7 +26,7 @@ pub fn verdict(d: &Diagnosis) -> String {
         (Verdict::Undecided, _) => format!("Undecided: {}; found until then: {}", ended(d), all(&effects)),
     };
     let left = much(d);
-    if let Some(few) = d.too_few {
+    if let Some(few) = d.too_few.filter(|_| effects.is_empty()) {
         let first = if left.is_empty() { "The model leaves no more than the noise" } else { left.as_str() };
         return format!("{first}; {few}.");
     }
@@ -36,6 +36,8 @@ pub fn verdict(d: &Diagnosis) -> String {
         (false, true) => format!("{first}."),
         (false, false) => format!("{first}. {left}."),
     };
+    let few = d.too_few.map(|few| format!(" It follows from the error that is left alone: {few}."));
+    let sentence = format!("{sentence}{}", few.unwrap_or_default());
     match d.not_tried.as_slice() {
         [] => sentence,
         [step] => format!("{sentence} The search was cut short: {step} was not tried."),

@@ -1,4 +1,5 @@
-//! Selections that begin with two effects at once, for errors that forward selection explains with a third one.
+//! Selections that begin with effects that forward selection does not begin with: two at once, where a third one imitates both,
+//! or a slow one, which is noise to the filter that whitens what the model leaves.
 
 use std::cell::OnceCell;
 
@@ -10,7 +11,7 @@ use crate::diagnosis::progress::Progress;
 use crate::evidence::{self, Chosen, Outcome, Pair, Ranking, Settings};
 use crate::identification::fit::FitError;
 
-/// Number of pairs that are fitted, of those by plain least squares and of the others.
+/// Number of proposals that are fitted, of those by plain least squares and of the others.
 const FITTED: usize = 2;
 
 /// Error above the noise, in units of the noise, up to which the linear problem may promise that nothing else is left.
@@ -22,18 +23,25 @@ const LITTLE: f64 = 0.05;
 /// Share of the error above the noise by which one explanation must leave less than another to be preferred.
 pub(super) const CLEARLY_LESS: f64 = 0.1;
 
-/// Two effects to be fitted together.
+/// Effects to be fitted together, two or one, and the energy that they promise to leave.
 pub(super) struct Proposed {
-    pair: Pair,
-    /// Whether plain least squares propose them. These neglect that noise has a memory: only a pair that leaves hardly more than
-    /// noise is worth having then.
+    chosen: Vec<Chosen>,
+    left: f64,
+    /// Whether plain least squares propose them. These neglect that noise has a memory: only effects that leave hardly more than
+    /// noise are worth having then.
     is_plain: bool,
+}
+
+impl Proposed {
+    fn pair(is_plain: bool) -> impl Fn(Pair) -> Self {
+        move |pair| Self { chosen: pair.chosen.to_vec(), left: pair.left, is_plain }
+    }
 }
 
 impl Search<'_> {
     /// Pairs of effects of the linear problem, best first; none if the statistics fail. The fit with an effect and the ranking
-    /// `beside` it add the best pair of that effect. Pairs by plain least squares are among them that leave clearly less, and hardly
-    /// more than noise.
+    /// `beside` it add the best pair of that effect. Pairs and single effects by plain least squares are among them that leave
+    /// clearly less, and hardly more than noise.
     fn pairs(&self, alone: &Ranking, beside: Option<(Chosen, &Ranking)>) -> &[Proposed] {
         self.pairs.get_or_init(|| {
             let of = |alone: &Ranking, settings: &Settings| {
@@ -54,13 +62,41 @@ impl Search<'_> {
             let least = pairs.iter().map(|p| p.left).fold(f64::INFINITY, f64::min);
             let slow =
                 if self.above(least) > self.hardly_more() { self.slow_pairs(own, least, &of) } else { Vec::new() };
-            let proposed = |is_plain: bool| move |pair: Pair| Proposed { pair, is_plain };
-            let slow = slow.into_iter().map(proposed(true));
-            let mut pairs: Vec<Proposed> = pairs.into_iter().map(proposed(false)).chain(slow).collect();
-            pairs.retain(|p| !p.pair.chosen.iter().any(in_model));
-            pairs.sort_by(|a, b| a.pair.left.total_cmp(&b.pair.left));
+            let pairs = pairs.into_iter().map(Proposed::pair(false));
+            let mut pairs: Vec<Proposed> = pairs.chain(slow.into_iter().map(Proposed::pair(true))).collect();
+            pairs.extend(self.slow_effect(alone));
+            pairs.retain(|p| !p.chosen.iter().any(in_model));
+            pairs.sort_by(|a, b| a.left.total_cmp(&b.left));
             pairs
         })
+    }
+
+    /// The effect that leaves least by plain least squares, if it promises hardly more than noise and clearly less than any does in
+    /// the ranking `alone`.
+    pub(super) fn slow_effect(&self, alone: &Ranking) -> Option<Proposed> {
+        let possible = |ranking: &Ranking| {
+            let all = ranking.candidates.iter().filter(|a| a.rank > 0 && !self.is_in_model(&a.name));
+            let left = all.map(|a| (ranking.energy(&a.sum_of_squares), a.chosen()));
+            left.min_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        let start = self.above(alone.energy(&alone.sum_of_squares));
+        let most = f64::min((1.0 - CLEARLY_LESS) * self.above(possible(alone)?.0), LITTLE * start);
+        if start < self.hardly_more() {
+            return None;
+        }
+        let plain = self.plainly_ranked(&[])?;
+        self.judge.fitting.count_rankings(1);
+        let (left, chosen) = possible(&plain)?;
+        (self.above(left) < most).then_some(Proposed { chosen: vec![chosen], left, is_plain: true })
+    }
+
+    fn plain(&self) -> Settings {
+        Settings { max_order: 0, ..self.settings.clone() }
+    }
+
+    /// The ranking next to `chosen` effects by plain least squares, as in white noise.
+    fn plainly_ranked(&self, chosen: &[Chosen]) -> Option<Ranking> {
+        evidence::evaluate(&self.problem, chosen, &self.plain()).ok()
     }
 
     /// Pairs by plain least squares, in white noise, that promise hardly more than noise, and clearly less than `least` and than
@@ -72,16 +108,14 @@ impl Search<'_> {
         least: f64,
         of: &dyn Fn(&Ranking, &Settings) -> Vec<Pair>,
     ) -> Vec<Pair> {
-        let plain = Settings { max_order: 0, ..self.settings.clone() };
-        let ranked = |chosen: &[Chosen]| evidence::evaluate(&self.problem, chosen, &plain).ok();
         let own_left = own.and_then(|[first, second]| {
-            let ranking = ranked(&[first])?;
+            let ranking = self.plainly_ranked(&[first])?;
             Some(ranking.energy(&ranking.of(second.candidate)?.sum_of_squares))
         });
         self.judge.fitting.count_rankings(1 + usize::from(own.is_some()));
         let least = own_left.map_or(least, |own| own.min(least));
         let most = f64::min((1.0 - CLEARLY_LESS) * self.above(least), self.hardly_more());
-        let mut slow = ranked(&[]).map_or_else(Vec::new, |alone| of(&alone, &plain));
+        let mut slow = self.plainly_ranked(&[]).map_or_else(Vec::new, |alone| of(&alone, &self.plain()));
         slow.retain(|p| self.above(p.left) < most);
         slow
     }
@@ -100,6 +134,9 @@ impl Search<'_> {
         ranking: &Ranking,
         fitted: Option<&Refitted>,
     ) -> bool {
+        if chosen.len() == 1 && !self.has_paired {
+            return self.slow_effect(alone).is_some();
+        }
         let [first, second] = chosen else { return false };
         let Some(own) = ranking.of(second.candidate).filter(|_| !self.has_paired) else { return false };
         let by_fit = |(_, first): &Refitted| {
@@ -107,9 +144,9 @@ impl Search<'_> {
             ranking.energy(&self.problem.sum_of_squares(&series))
         };
         let left = fitted.map_or(f64::INFINITY, by_fit).min(ranking.energy(&own.sum_of_squares));
-        let better = |Proposed { pair, .. }: &Proposed| {
-            let is_other = pair.chosen.iter().any(|c| ![first, second].map(|c| c.candidate).contains(&c.candidate));
-            is_other && self.above(pair.left) < (1.0 - CLEARLY_LESS) * self.above(left)
+        let better = |p: &Proposed| {
+            let is_other = p.chosen.iter().any(|c| ![first, second].map(|c| c.candidate).contains(&c.candidate));
+            is_other && self.above(p.left) < (1.0 - CLEARLY_LESS) * self.above(left)
         };
         self.pairs(alone, Some((*first, ranking))).iter().any(better)
     }
@@ -124,40 +161,51 @@ impl Search<'_> {
         self.has_paired = true;
         let Some(alone) = &self.all else { return Ok(()) };
         progress(Progress::Step("pairs of effects"));
-        let mut best: Option<(f64, [Chosen; 2], bool)> = None;
+        let mut best: Option<(f64, &[Chosen], bool)> = None;
         let pairs = self.pairs(alone, None);
-        let of = |plain: bool| pairs.iter().filter(move |p| p.is_plain == plain).take(FITTED);
-        for Proposed { pair, is_plain } in of(true).chain(of(false)) {
-            progress(Progress::Step(&format!("refit with {}", self.names(&pair.chosen).join(" and "))));
-            // A pair with which no machine can be fitted is left out.
-            let Ok(fitted) = self.fitted_together(&pair.chosen) else { continue };
+        let of = |count: usize, plain: bool| {
+            pairs.iter().filter(move |p| p.chosen.len() == count && p.is_plain == plain).take(FITTED)
+        };
+        for Proposed { chosen, is_plain, .. } in of(1, true).chain(of(2, true)).chain(of(2, false)) {
+            progress(Progress::Step(&format!("refit with {}", self.names(chosen).join(" and "))));
+            // Effects with which no machine can be fitted are left out.
+            let Ok(fitted) = self.fitted_together(chosen) else { continue };
             let left = relative_energy(&fitted.fit.residuals.rms, &fitting.noise.pooled);
             let is_noise = !self.judge.is_more_than_noise(fitted.rms());
-            let is_all = is_noise || self.left(&fitted) < LITTLE * self.left(&self.start);
-            if (is_all || !is_plain) && best.is_none_or(|(least, ..)| left < least) {
-                best = Some((left, pair.chosen, is_noise || *is_plain));
+            let is_better = |(least, known, _): (f64, &[Chosen], bool)| {
+                let share = if chosen.len() > known.len() { 1.0 - CLEARLY_LESS } else { 1.0 };
+                self.above(left) < share * self.above(least)
+            };
+            if (self.explains_all(&fitted) || !is_plain) && best.is_none_or(is_better) {
+                best = Some((left, chosen, is_noise || *is_plain));
             }
             if is_noise {
                 break;
             }
         }
-        let Some((_, pair, is_enough)) = best else { return Ok(()) };
-        let keeps_both = |outcome: &Outcome| pair.iter().all(|c| outcome.found().contains(&c.candidate));
-        let (outcome, end) = match self.select(&pair, progress)? {
+        let Some((_, begun, is_enough)) = best else { return Ok(()) };
+        let begun = begun.to_vec();
+        let keeps_all = |outcome: &Outcome| begun.iter().all(|c| outcome.found().contains(&c.candidate));
+        let (outcome, end) = match self.select(&begun, progress)? {
             // What the linear problem exchanges for another effect, the validation data may confirm.
-            Selection::Complete(complete) if is_enough && !keeps_both(&complete.0) => {
-                let end = self.fitted_together(&pair)?;
-                (self.given(&pair, &end.fit)?, end)
+            Selection::Complete(complete) if is_enough && !keeps_all(&complete.0) => {
+                let end = self.fitted_together(&begun)?;
+                (self.given(&begun, &end.fit)?, end)
             }
             Selection::Complete(complete) => *complete,
             _ => return Ok(()),
         };
-        // One effect alone is found with its rivals without the other.
-        self.paired = Some(self.confirm_some(outcome, end)?).filter(|standing| standing.without.len() > 1);
+        // One effect of two is found with its rivals without the other.
+        self.paired = Some(self.confirm_some(outcome, end)?).filter(|standing| standing.without.len() >= begun.len());
         Ok(())
     }
 
-    /// The fit with a pair of effects. It begins at the model as stated: without them the parameters imitate both, and may
+    /// Whether a fit leaves no more than noise of the validation data, or hardly more than none of the error of the start.
+    fn explains_all(&self, fitted: &Judged) -> bool {
+        !self.judge.is_more_than_noise(fitted.rms()) || self.left(fitted) < LITTLE * self.left(&self.start)
+    }
+
+    /// The fit with effects that are begun with. It begins at the model as stated: without them the parameters imitate both, and may
     /// lie at edges of the possible.
     fn fitted_together(&self, pair: &[Chosen]) -> Result<Judged, FitError> {
         let model = self.stated_model();
@@ -170,9 +218,11 @@ impl Search<'_> {
         (self.pairs, self.has_paired, self.paired) = (OnceCell::new(), false, None);
     }
 
-    /// The selection that began with a pair if it explains everything above the noise.
+    /// The selection that began with proposed effects if it explains everything above the noise, or hardly less.
     pub(super) fn clear_pairs(&mut self) -> Option<Standing> {
-        self.paired.take_if(|paired| !self.judge.is_more_than_noise(paired.end.rms()))
+        let is_all = |paired: &Standing| self.explains_all(&paired.end);
+        let is_clear = self.paired.as_ref().is_some_and(is_all);
+        self.paired.take_if(|_| is_clear)
     }
 
     /// The selection that began with a pair if it leaves clearly less of the error above the noise than `standing`.
