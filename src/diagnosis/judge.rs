@@ -274,8 +274,8 @@ fn resolved_rms(datasets: &[Dataset], residuals: &Residuals) -> Vec<f64> {
     }
 }
 
-/// RMS residuals per channel away from the drives' reversals, where the derivatives smooth the jump of friction over
-/// their half width. All samples count if none is away from reversals.
+/// RMS residuals per channel away from the drives' reversals and rest: the derivatives smooth the jump of friction over their
+/// half width. All samples count if none is away.
 fn rms_away_from_reversals(datasets: &[Dataset], residuals: &Residuals) -> Vec<f64> {
     let kept: Vec<Vec<usize>> = datasets.iter().map(away_from_reversals).collect();
     if kept.iter().all(Vec::is_empty) {
@@ -284,13 +284,16 @@ fn rms_away_from_reversals(datasets: &[Dataset], residuals: &Residuals) -> Vec<f
     residuals.at(&kept).rms
 }
 
-/// Samples of a dataset whose distance from every reversal exceeds the half width of the derivatives.
+/// Samples of a dataset whose distance from every reversal, and from every sample at which the readings do not determine the sign
+/// of a rate, exceeds the half width of the derivatives.
 fn away_from_reversals(dataset: &Dataset) -> Vec<usize> {
     let mut is_away = vec![true; dataset.len()];
     for axis in 0..drives(std::slice::from_ref(dataset)) {
         let reach = dataset.half_width[axis];
-        for k in dataset.reversals(axis) {
-            is_away[(k - 1).saturating_sub(reach)..(k + reach + 1).min(dataset.len())].fill(false);
+        // At rest friction takes any value up to its limit.
+        let is_unsigned = |k: &usize| dataset.joints[*k].qd[axis].abs() < dataset.accuracy[axis].rate;
+        for k in dataset.reversals(axis).chain((0..dataset.len()).filter(is_unsigned)) {
+            is_away[k.saturating_sub(reach + 1)..(k + reach + 1).min(dataset.len())].fill(false);
         }
     }
     (0..dataset.len()).filter(|&k| is_away[k]).collect()
