@@ -36,6 +36,9 @@ use standing::Standing;
 /// machine with an effect can be fitted, only the strongest one is tried, and after one more refusal none.
 const MAX_REFUSED: usize = 5;
 
+/// The largest number where the start leaves hardly more than noise: drift, which imitates many effects.
+const MAX_REFUSED_IN_NOISE: usize = 2;
+
 /// Outcome of the search.
 pub(super) struct Found {
     /// The model without new effects, but with the recorder's delay if there is one.
@@ -242,7 +245,8 @@ impl<'a> Search<'a> {
 
     /// Whether no further effect may be refused.
     fn is_exhausted(&self) -> bool {
-        self.refused.len() >= MAX_REFUSED
+        let is_noise = !self.judge.is_more_than_noise(self.start.rms());
+        self.refused.len() >= if is_noise { MAX_REFUSED_IN_NOISE } else { MAX_REFUSED }
     }
 
     fn refuse(&mut self, name: String, progress: &mut dyn FnMut(Progress)) {

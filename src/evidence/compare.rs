@@ -24,6 +24,10 @@ pub const LEVEL: f64 = 0.95;
 /// the noise, from which that is clear whatever single blocks say.
 const REACHES: (f64, f64) = (0.5, 100.0);
 
+/// Share of the error above the noise from which the best one explains much of it, and share of that below which a rival is too
+/// faint to be the same, however well it fits the fast part that whitened evidence counts.
+const FAINT: (f64, f64) = (0.2, 0.1);
+
 /// Block losses of adding a candidate, relative to adding nothing: `−2 cᵀ g_b + cᵀ S_b c`.
 pub fn losses(scores: &Scores, grams: &[DMatrix<f64>]) -> DVector<f64> {
     let c = &scores.sum;
@@ -81,6 +85,9 @@ impl BaseFit<'_> {
         let size = |i: usize| present[i].projected.rank() as f64 + searched(problem, present[i].candidate);
         let best = losses(&a.scores, &blockwise[w]);
         let critical = critical(self.blocks.len());
+        let share = |a: &Assessment| a.explained_share.unwrap_or(0.0);
+        let own = share(&candidates[w]);
+        let is_faint = |a: &Assessment| own > FAINT.0 && share(a) < FAINT.1 * own;
         let mut at = m;
         for (i, e) in present.iter().enumerate() {
             let k = e.variant.columns.len();
@@ -96,7 +103,7 @@ impl BaseFit<'_> {
             let is_extension = c.overlap > CONTAINED && c.rank > present[w].projected.rank() && c.t_against_best >= 0.0;
             let (gain, reached) = (-best.sum(), -rival.sum());
             let is_far_behind = reached < REACHES.0 * gain && gain - reached > REACHES.1;
-            let is_rival = c.t_against_best < critical && !is_far_behind;
+            let is_rival = c.t_against_best < critical && !is_far_behind && !is_faint(c);
             c.indistinguishable = i == w || (!is_extension && (is_rival || c.overlap > SAME));
         }
     }

@@ -5,6 +5,9 @@ use deltatwin::effects::{Count, Role};
 use deltatwin::identification::Estimate;
 use deltatwin::text::{significant, with_error};
 
+/// Largest number of the members of a set that are described; the table of the candidates has all.
+const NAMED: usize = 4;
+
 /// The verdict in one or two sentences.
 pub fn verdict(d: &Diagnosis) -> String {
     let all = |effects: &[&Named]| effects.iter().map(|e| described(d, e)).collect::<Vec<_>>().join("; and ");
@@ -56,7 +59,13 @@ pub(crate) fn ended(d: &Diagnosis) -> &'static str {
 fn ambiguous(d: &Diagnosis, all: &dyn Fn(&[&Named]) -> String) -> String {
     let is_open = |e: &&Named| d.indistinguishable.iter().any(|set| set.contains(&e.name));
     let clear: Vec<&Named> = d.effects.iter().filter(|e| !is_open(e)).collect();
-    let set = |names: &Vec<String>| names.iter().map(|name| called(d, name)).collect::<Vec<_>>().join(", or ");
+    let set = |names: &Vec<String>| {
+        let likeliest = names.iter().take(NAMED).map(|name| called(d, name)).collect::<Vec<_>>().join(", or ");
+        match names.len().saturating_sub(NAMED) {
+            0 => likeliest,
+            more => format!("{likeliest}, or one of {more} others"),
+        }
+    };
     let sets: Vec<String> = d.indistinguishable.iter().map(set).collect();
     let first = match clear.is_empty() {
         true => "Something is missing, and these".to_string(),
