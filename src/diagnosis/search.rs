@@ -94,27 +94,34 @@ pub(super) fn find(
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Found, DiagnosisError> {
     let is_held = start.edges.len() > 1;
-    let first = find_along(Edges::Together, start.clone(), judge, candidates, progress)?;
+    let (first, known) = find_along(Edges::Together, (start.clone(), None), judge, candidates, progress)?;
     if !is_held || first.is_clear(judge) || judge.fitting.is_late() {
         return Ok(first);
     }
     progress(Progress::Step("every edge of the possible by itself"));
-    let second = find_along(Edges::Apart, start, judge, candidates, progress)?;
+    let (second, _) = find_along(Edges::Apart, (start, known), judge, candidates, progress)?;
     let left = |found: &Found| relative_energy(found.end.rms(), &judge.floor);
     // Both may have found the same effects, with which they leave the same but for rounding.
     let is_better = second.is_clear(judge) || left(&second) < left(&first);
     Ok(if is_better { second } else { first })
 }
 
+/// What a search knows that another one from the same start may use.
+struct Known {
+    fits: Fits,
+    problem: Problem,
+}
+
+/// The outcome of a search along `edges` from a start, of which something may be known.
 fn find_along(
     edges: Edges,
-    start: Fit,
+    (start, known): (Fit, Option<Known>),
     judge: &Judge,
     candidates: &[Vec<ActiveEffect>],
     progress: &mut dyn FnMut(Progress),
-) -> Result<Found, DiagnosisError> {
+) -> Result<(Found, Option<Known>), DiagnosisError> {
     progress(Progress::Step("columns of the candidates"));
-    let mut search = Search::new((edges, start), judge, candidates, progress)?;
+    let mut search = Search::new((edges, start), known, judge, candidates, progress)?;
     if let Some(late) = search.lag_of_slow_recordings() {
         search.accept_lag(late)?;
     }
@@ -178,7 +185,10 @@ fn find_along(
     };
     let best = search.or_known(best)?;
     let best = search.or_rival(best, progress)?;
-    Ok(search.found(best))
+    let fits = std::mem::take(&mut search.fits);
+    // With the recorder's delay in the model they have another start.
+    let known = (search.lag == Lag::Possible).then(|| Known { fits, problem: search.problem.clone() });
+    Ok((search.found(best), known))
 }
 
 /// Added effects with the fit that contains them.
@@ -211,13 +221,17 @@ struct Search<'a> {
 impl<'a> Search<'a> {
     fn new(
         (edges, start): (Edges, Fit),
+        known: Option<Known>,
         judge: &'a Judge<'a>,
         candidates: &'a [Vec<ActiveEffect>],
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Self, DiagnosisError> {
         let block = problem::block(judge.fitting.datasets);
         let mut settings = Settings { min_relevance: MIN_RELEVANCE * (block as f64).sqrt(), ..Settings::default() };
-        let problem = judge.fitting.problem(&start, candidates, edges, progress)?;
+        let (problem, fits) = match known {
+            Some(Known { fits, problem }) => (Problem { base: judge.fitting.base(&start, edges)?, ..problem }, fits),
+            None => (judge.fitting.problem(&start, candidates, edges, progress)?, Fits::default()),
+        };
         let start = judge.of(start)?;
         // Nothing is to be explained, or the torques show nothing of the dynamics.
         let mechanism = start.fit.model.mechanism;
@@ -236,7 +250,7 @@ impl<'a> Search<'a> {
             lag: Lag::Possible,
             refused: Vec::new(),
             all: None,
-            fits: Fits::default(),
+            fits,
             pairs: OnceCell::new(),
             has_paired: false,
             paired: None,

@@ -177,7 +177,7 @@ impl Search<'_> {
                 self.above(left) < share * self.above(least)
             };
             if (self.explains_all(&fitted) || !is_plain) && best.is_none_or(is_better) {
-                best = Some((left, chosen, is_noise || *is_plain));
+                best = Some((left, chosen, self.explains_all(&fitted)));
             }
             if is_noise {
                 break;
@@ -186,13 +186,19 @@ impl Search<'_> {
         let Some((_, begun, is_enough)) = best else { return Ok(()) };
         let begun = begun.to_vec();
         let keeps_all = |outcome: &Outcome| begun.iter().all(|c| outcome.found().contains(&c.candidate));
-        let (outcome, end) = match self.select(&begun, progress)? {
-            // What the linear problem exchanges for another effect, the validation data may confirm.
-            Selection::Complete(complete) if is_enough && !keeps_all(&complete.0) => {
+        let mut selected = self.select(&begun, progress)?;
+        if let Selection::Lag(late, _) = selected {
+            self.accept_lag(late)?;
+            self.has_paired = true;
+            selected = self.select(&begun, progress)?;
+        }
+        let (outcome, end) = match selected {
+            Selection::Complete(complete) if !is_enough || keeps_all(&complete.0) => *complete,
+            // The linear problem exchanges them for another effect, or what it adds is refused: the validation data decide.
+            _ if is_enough => {
                 let end = self.fitted_together(&begun)?;
                 (self.given(&begun, &end.fit)?, end)
             }
-            Selection::Complete(complete) => *complete,
             _ => return Ok(()),
         };
         // One effect of two is found with its rivals without the other.
