@@ -96,6 +96,23 @@ fn poses(size: f64) -> Course {
     Course::StaticPoses(StaticPoses { poses, hold: 0.7, travel: 0.5 })
 }
 
+/// 0.6 s are too short for any test: 120 means over 5 ms. Thirty times the noise is left on axis 4, and nearly all of it is gone
+/// with the payload's true centre of mass, in another recording as well.
+#[test]
+#[ignore = "campaign"]
+fn a_shifted_payload_is_named_in_a_recording_too_short_for_tests() {
+    let robot = robot("payload_com_offset", &[&[0.05, 0.06, 0.0]]);
+    let run = |seed: u64| {
+        let course = Course::RandomFourier { seed, frequency: 1.0, harmonics: 4, share: 0.6 };
+        measured(&robot, &course, Payload { mass: 1.5, ..Payload::default() }, 0.6, seed)
+    };
+    let d = diagnose(&nominal(), &[run(3)], &[run(4)], &mut |_| {}).expect("a diagnosis");
+    println!("{:?} left {:?} of {:?}", names(&d), d.rms_after, d.rms_before);
+    assert!(d.too_few.is_some());
+    assert_eq!((names(&d), d.indistinguishable.len()), (vec!["payload_com_offset"], 0));
+    assert!(d.rms_after[3] < 1.1 * d.noise_floor[3]);
+}
+
 /// AR(1) noise a = 0.9 of 0.8 N·m next to the white one of 0.4: neighbouring samples show √(0.4² + 0.8²·0.1/1.9) = 0.44 N·m,
 /// twice of which would be left; five laps show 0.89.
 #[test]

@@ -12,7 +12,7 @@ use super::confidence::Confidence;
 use super::experiment::NextExperiment;
 use super::judge::{Judge, Judged, relative_energy};
 use super::left::Left;
-use super::search::lag::DELAY;
+use super::search::lag::TIMES;
 use super::search::{Found, without_effects};
 use super::unknown::{self, Unexplained};
 use super::{missing, problem};
@@ -28,8 +28,7 @@ const MAX_LEFT: f64 = 0.5;
 /// Share of the explainable error that named effects must leave, to a formula or unexplained, to lower their probability.
 const LEAVES_MORE: f64 = 0.1;
 
-/// Effects on the time of the torques. Shorter than [`HIDDEN`] of the time over which the angles are smoothed, they look alike.
-const TIMES: [&str; 2] = [DELAY, "torque_filter"];
+/// Share of the time over which the angles are smoothed below which the effects on the time of the torques look alike.
 const HIDDEN: f64 = 0.25;
 
 /// Conclusion about the model.

@@ -58,7 +58,13 @@ impl Search<'_> {
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Standing, DiagnosisError> {
         let named: Vec<Chosen> = standing.outcome.chosen();
-        if named.is_empty() || !self.is_open(&standing) || !self.judge.is_more_than_noise(standing.end.rms()) {
+        // Too short a recording does not determine the model: a second effect only stands for its parameters.
+        let is_short = standing.outcome.remaining.too_few.is_some();
+        if named.is_empty()
+            || is_short
+            || !self.is_open(&standing)
+            || !self.judge.is_more_than_noise(standing.end.rms())
+        {
             return Ok(standing);
         }
         let before = self.left(&standing.end);

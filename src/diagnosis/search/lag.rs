@@ -15,6 +15,9 @@ const LAG_GAIN: f64 = 0.1;
 /// Name of the effect that is equivalent to a delay of the recorder.
 pub(in crate::diagnosis) const DELAY: &str = "signal_delay";
 
+/// Effects on the time of the torques.
+pub(in crate::diagnosis) const TIMES: [&str; 2] = [DELAY, "torque_filter"];
+
 /// State of a delay that is a property of the recording and no effect, see [`Search::recorded_lag`].
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Lag {

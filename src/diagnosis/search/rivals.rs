@@ -4,6 +4,7 @@
 //! enters nonlinearly may seem worse there than it is. And one that explains another, faster part of the error may seem as
 //! good to the whitened evidence. A fit of its own decides by the losses on the validation data.
 
+use super::lag::TIMES;
 use super::pairs::CLEARLY_LESS;
 use super::standing::Standing;
 use super::{Search, with_effects, without_effects};
@@ -115,11 +116,23 @@ impl Search<'_> {
     /// Rivals that are fitted in place of the effect `at` of `standing`.
     fn rivals(&self, standing: &Standing, at: usize) -> Vec<Chosen> {
         let finding = &standing.outcome.findings[at];
-        match standing.outcome.findings.len() {
-            _ if !standing.not_tried.is_empty() => Vec::new(),
+        let mut rivals: Vec<Chosen> = match standing.outcome.findings.len() {
+            _ if !standing.not_tried.is_empty() => return Vec::new(),
             1 => self.unfitted(standing),
             _ => others(finding.ranking.confidence_set(), finding).take(OF_SEVERAL).collect(),
-        }
+        };
+        let later = self.later_too(finding).filter(|c| rivals.iter().all(|r| r.candidate != c.candidate));
+        rivals.extend(later);
+        rivals
+    }
+
+    /// The other effect on the time of the torques, if the finding is one: they differ where the torque jumps, at reversals, where
+    /// the motion is smoothed.
+    fn later_too(&self, finding: &Finding) -> Option<Chosen> {
+        let is_time = |name: &&str| TIMES.contains(name);
+        let own = self.shape(&finding.chosen).effect.name();
+        let mut all = finding.ranking.candidates.iter().filter(|a| a.rank > 0 && !self.is_in_model(&a.name));
+        is_time(&own).then(|| all.find(|a| a.name != own && is_time(&a.name.as_str())))?.map(Assessment::chosen)
     }
 
     /// Rivals of the only effect of `standing` in the problem as stated that the problem linearised with it excludes, and those
