@@ -40,8 +40,8 @@ impl Proposed {
 
 impl Search<'_> {
     /// Pairs of effects of the linear problem, best first; none if the statistics fail. The fit with an effect and the ranking
-    /// `beside` it add the best pair of that effect. Pairs and single effects by plain least squares are among them that leave
-    /// clearly less, and hardly more than noise.
+    /// `beside` it add the best pair of that effect. Pairs by plain least squares are among them that leave clearly less, and hardly
+    /// more than noise, and the slow effect.
     fn pairs(&self, alone: &Ranking, beside: Option<(Chosen, &Ranking)>) -> &[Proposed] {
         self.pairs.get_or_init(|| {
             let of = |alone: &Ranking, settings: &Settings| {
@@ -71,8 +71,8 @@ impl Search<'_> {
         })
     }
 
-    /// The effect that leaves least by plain least squares, if it promises hardly more than noise and clearly less than any does in
-    /// the ranking `alone`.
+    /// The effect that leaves least by plain least squares, if it promises hardly more than none of the error and clearly less than
+    /// any does in the ranking `alone`.
     pub(super) fn slow_effect(&self, alone: &Ranking) -> Option<Proposed> {
         let possible = |ranking: &Ranking| {
             let all = ranking.candidates.iter().filter(|a| a.rank > 0 && !self.is_in_model(&a.name));
@@ -80,10 +80,10 @@ impl Search<'_> {
             left.min_by(|a, b| a.0.total_cmp(&b.0))
         };
         let start = self.above(alone.energy(&alone.sum_of_squares));
-        let most = f64::min((1.0 - CLEARLY_LESS) * self.above(possible(alone)?.0), LITTLE * start);
         if start < self.hardly_more() {
             return None;
         }
+        let most = f64::min((1.0 - CLEARLY_LESS) * self.above(possible(alone)?.0), LITTLE * start);
         let plain = self.plainly_ranked(&[])?;
         self.judge.fitting.count_rankings(1);
         let (left, chosen) = possible(&plain)?;
