@@ -128,10 +128,11 @@ impl Search<'_> {
         Ok(weakest.map_or(Ok(all), |(_, name)| Err(name.into())))
     }
 
-    /// Whether what a fit says of an effect is no law of the machine: impossible values, what the derivatives of the
+    /// Whether what a fit says of an effect is no law of the machine: impossible values, none at all, what the derivatives of the
     /// angles leave, or friction that gives power.
     fn is_no_law(&self, fit: &Fit, name: &str) -> bool {
         is_impossible(fit, name)
+            || is_nothing(fit, name)
             || self.is_unresolved(fit, name)
             || self.is_smoothing(fit, name)
             || self.is_driving(fit, name)
@@ -204,4 +205,13 @@ fn untried(outcome: &Outcome, unjudged: Vec<String>, settings: &Settings) -> Vec
 /// definite sign.
 fn is_impossible(fit: &Fit, name: &str) -> bool {
     fit.impossible.iter().any(|p| p.effect == name)
+}
+
+/// Whether the data determine coefficients of an effect, and none differs from zero by its standard error.
+fn is_nothing(fit: &Fit, name: &str) -> bool {
+    let Some(active) = fit.model.effects.iter().find(|a| a.effect.name() == name) else { return false };
+    let is_coefficient = |block: usize| active.effect.parameters().get(block).is_some_and(|p| p.role == Role::Linear);
+    let own = fit.parameters.iter().filter(|p| p.param.effect == name && is_coefficient(p.param.block));
+    let mut determined = own.filter(|p| p.std.is_finite()).peekable();
+    determined.peek().is_some() && determined.all(|p| p.value.abs() < p.std)
 }
