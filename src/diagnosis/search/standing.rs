@@ -207,11 +207,10 @@ fn is_impossible(fit: &Fit, name: &str) -> bool {
     fit.impossible.iter().any(|p| p.effect == name)
 }
 
-/// Whether the data determine coefficients of an effect, and none differs from zero by its standard error.
+/// Whether the data determine all coefficients of an effect, and none differs from zero by its standard error.
 fn is_nothing(fit: &Fit, name: &str) -> bool {
     let Some(active) = fit.model.effects.iter().find(|a| a.effect.name() == name) else { return false };
     let is_coefficient = |block: usize| active.effect.parameters().get(block).is_some_and(|p| p.role == Role::Linear);
-    let own = fit.parameters.iter().filter(|p| p.param.effect == name && is_coefficient(p.param.block));
-    let mut determined = own.filter(|p| p.std.is_finite()).peekable();
-    determined.peek().is_some() && determined.all(|p| p.value.abs() < p.std)
+    let mut own = fit.parameters.iter().filter(|p| p.param.effect == name && is_coefficient(p.param.block)).peekable();
+    own.peek().is_some() && own.all(|p| p.std.is_finite() && p.value.abs() < p.std)
 }
