@@ -96,8 +96,8 @@ fn poses(size: f64) -> Course {
     Course::StaticPoses(StaticPoses { poses, hold: 0.7, travel: 0.5 })
 }
 
-/// 0.6 s are too short for any test: 120 means over 5 ms. Thirty times the noise is left on axis 4, and nearly all of it is gone
-/// with the payload's true centre of mass, in another recording as well.
+/// 0.6 s are too short for any test: 120 means over 5 ms. Nineteen times the noise is left on axis 4, and nearly all of it is
+/// gone with the payload's true centre of mass, in another recording as well.
 #[test]
 #[ignore = "campaign"]
 fn a_shifted_payload_is_named_in_a_recording_too_short_for_tests() {

@@ -133,7 +133,7 @@ impl<'a> BaseFit<'a> {
         let value = |series: &[f64], place: usize| series[place] / scale[place / n];
         let matrix = DMatrix::from_fn(places.len(), columns.len(), |i, j| value(&columns[j].values, places[i]));
         let right = DVector::from_iterator(places.len(), places.iter().map(|&p| value(&self.residual, p)));
-        // A product of matrices is blocked for the cache; `tr_mul` takes ten times as long.
+        // A product of matrices is blocked for the cache; `tr_mul` is not.
         let transposed = matrix.transpose();
         let (inverse, _) = pseudo_inverse(&(&transposed * &matrix));
         let fitted = &matrix * (inverse * (transposed * right));

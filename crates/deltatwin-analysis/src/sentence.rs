@@ -39,7 +39,7 @@ pub fn verdict(d: &Diagnosis) -> String {
         (false, true) => format!("{first}."),
         (false, false) => format!("{first}. {left}."),
     };
-    let few = d.too_few.map(|few| format!(" It follows from the error that is left alone: {few}."));
+    let few = d.too_few.map(|few| format!(" Only the error with and without it shows that: {few}."));
     let sentence = format!("{sentence}{}", few.unwrap_or_default());
     match d.not_tried.as_slice() {
         [] => sentence,

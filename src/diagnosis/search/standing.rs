@@ -128,8 +128,8 @@ impl Search<'_> {
         Ok(weakest.map_or(Ok(all), |(_, name)| Err(name.into())))
     }
 
-    /// Whether what a fit says of an effect is no law of the machine: impossible values, none at all, what the derivatives of the
-    /// angles leave, or friction that gives power.
+    /// Whether what a fit says of an effect is no law of the machine: impossible coefficients, coefficients that are all zero
+    /// within their errors, an error that the derivatives of the angles leave, or friction that gives power.
     fn is_no_law(&self, fit: &Fit, name: &str) -> bool {
         is_impossible(fit, name)
             || is_nothing(fit, name)
