@@ -13,7 +13,7 @@ use crate::effects::{ActiveEffect, Entry, Kind, Param, Role};
 use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
 use crate::identification::dataset::{averaged_segments, runs};
 use crate::identification::fit::{Fit, FitError, kinematics, nominal_size};
-use crate::identification::prediction::{CandidateColumns, Channels, Laws, own_columns};
+use crate::identification::prediction::{CandidateColumns, Channels, Laws, own_columns, reported};
 use crate::identification::{Dataset, KeptColumns, NoiseLevel, Residuals};
 use crate::kinematics::KinematicsError;
 use crate::machine::Mechanism;
@@ -322,12 +322,13 @@ pub fn report(datasets: &[Dataset], sensor: &ActiveEffect, values: &mut [f64]) {
     let mut first = 0;
     for dataset in datasets {
         let own = averaged_segments(std::slice::from_ref(dataset), block);
-        for segment in own.iter().map(|s| first + s.start..first + s.end) {
+        let recorded = dataset.segments.iter().filter(|s| s.len() >= block);
+        for (segment, recorded) in own.iter().map(|s| first + s.start..first + s.end).zip(recorded) {
             let times = (0..segment.len()).map(|k| k as f64 * block as f64 * dataset.dt).collect();
-            let mut signals = Signals::new(sensor.host.mechanism, times);
+            let mut ideal = Signals::new(sensor.host.mechanism, times);
             let own = |axis: usize| axis * samples + segment.start..axis * samples + segment.end;
-            (0..drives).for_each(|axis| signals.set(Torque(axis), values[own(axis)].to_vec()));
-            sensor.observe(&mut signals);
+            (0..drives).for_each(|axis| ideal.set(Torque(axis), values[own(axis)].to_vec()));
+            let signals = reported(ideal, &[sensor], !dataset.motion_before(recorded.start).is_empty());
             (0..drives).for_each(|axis| values[own(axis)].copy_from_slice(&signals[Torque(axis)]));
         }
         first += own.last().map_or(0, |s| s.end);

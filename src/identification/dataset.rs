@@ -50,6 +50,17 @@ pub struct Dataset {
     pub accuracy: PerAxis<Accuracy>,
     /// Ranges of samples so close to a reversal that the smoothing blurs what changes there; fits do not use them.
     pub near_reversals: Vec<Range<usize>>,
+    /// What a robot did between segments, where its coarse angles do not resolve a reversal; in the order of the samples.
+    pub between: Vec<Between>,
+}
+
+/// Motion between two segments.
+#[derive(Clone, Debug)]
+pub struct Between {
+    /// First sample after it.
+    pub before: usize,
+    /// Times, s, and smoothed joint motion of the samples that were left out.
+    pub motion: Arc<[(f64, JointState)]>,
 }
 
 /// Encoder angles, and the motion including the ringing of elastic gears once it was requested.
@@ -93,6 +104,7 @@ impl Dataset {
             half_width: each(MIN_HALF_WIDTH),
             accuracy: each(Accuracy::default()),
             near_reversals: Vec::new(),
+            between: Vec::new(),
         }
     }
 
@@ -125,6 +137,7 @@ impl Dataset {
             Mechanism::Delta { .. } => dataset.resolved(&pieces),
         };
         for ((piece, joints), moving) in pieces.into_iter().zip(&moving) {
+            dataset.keep_between(&piece, &joints, moving, t);
             // A recording without gaps and rests, the largest case, is moved and not copied.
             if piece.len() == total && *moving == [piece.clone()] {
                 dataset.joints = joints;
@@ -146,15 +159,33 @@ impl Dataset {
         dataset
     }
 
+    /// Keeps the motion of a robot in `piece` of the samples at the times `t` that is in none of the ranges `kept`.
+    fn keep_between(&mut self, piece: &Range<usize>, joints: &[JointState], kept: &[Range<usize>], t: &[f64]) {
+        let (mut end, mut before) = (piece.start, self.joints.len());
+        for range in kept.iter().filter(|_| matches!(self.mechanism, Mechanism::Delta { .. })) {
+            if end < range.start {
+                let motion = (end..range.start).map(|k| (t[k], joints[k - piece.start])).collect();
+                self.between.push(Between { before, motion });
+            }
+            (end, before) = (range.end, before + range.len());
+        }
+    }
+
+    /// Times, s, and motion of what was left out just before sample `k`.
+    pub fn motion_before(&self, k: usize) -> &[(f64, JointState)] {
+        self.between.binary_search_by_key(&k, |between| between.before).map_or(&[], |i| &self.between[i].motion)
+    }
+
     /// The machine of `model` in the setup of the recording, under the loads that were measured.
     pub fn plant(&self, model: &Model) -> Plant {
         Plant::new(model, &self.setup).under(self.loads.clone())
     }
 
-    /// Joint motion including the ringing of elastic gears after reversals; [`Self::joints`] for an exact motion.
+    /// Joint motion including the ringing of elastic gears after reversals; [`Self::joints`] for an exact motion, and where
+    /// the angles do not resolve reversals.
     pub fn ringing(&self) -> &[JointState] {
         let angles = self.readings.rows();
-        if angles.is_empty() {
+        if angles.is_empty() || self.blurs_reversals() {
             return &self.joints;
         }
         self.readings.ringing.get_or_init(|| Angles::new(angles, &self.t, &self.segments, self.dt).ringing())
@@ -206,8 +237,15 @@ impl Dataset {
             measured: self.measured.iter().map(|m| m.window(&range)).collect(),
             segments: self.segments.iter().filter_map(clip).collect(),
             near_reversals: self.near_reversals.iter().filter_map(clip).collect(),
+            between: self.between_at(|k| range.contains(&k).then(|| k - range.start)),
             ..self.empty()
         }
+    }
+
+    /// The motion between segments, with the first sample after it at the place that `at` gives; without it left out.
+    fn between_at(&self, at: impl Fn(usize) -> Option<usize>) -> Vec<Between> {
+        let moved = |own: &Between| Some(Between { before: at(own.before)?, motion: own.motion.clone() });
+        self.between.iter().filter_map(moved).collect()
     }
 
     /// The path of the motion at `factor` times its speed, backwards if negative, at the same times.
@@ -252,12 +290,19 @@ impl Dataset {
         within.filter(move |&k| (rate(k - 1) < 0.0) != (rate(k) < 0.0))
     }
 
-    /// Time from sample `k − 1` to sample `k`, s: the sampling period, unless the times say otherwise.
+    /// Time from sample `k − 1` to sample `k`, s: the sampling period, unless the times within a segment say otherwise.
     pub fn step(&self, k: usize) -> f64 {
         match k.checked_sub(1) {
-            Some(before) if !is_even(&self.t[before..=k], self.dt) => self.t[k] - self.t[before],
+            Some(before) if !is_even(&self.t[before..=k], self.dt) && !self.starts_segment(k) => {
+                self.t[k] - self.t[before]
+            }
             _ => self.dt,
         }
+    }
+
+    /// Whether sample `k` is the first of a segment.
+    fn starts_segment(&self, k: usize) -> bool {
+        self.segments.binary_search_by_key(&k, |segment| segment.start).is_ok()
     }
 
     /// Mean time between the samples of a segment, s: the sampling period, unless the times say otherwise.
@@ -325,6 +370,7 @@ impl Dataset {
             // Angles that are smoothed stay distinct from exact ones.
             half_width: self.half_width.map(|m| (m / block).max(MIN_HALF_WIDTH + usize::from(m > MIN_HALF_WIDTH))),
             near_reversals: self.blocks_near_reversals(block),
+            between: self.between_at(|k| blocks.binary_search_by_key(&k, |b| b.start).ok()),
             ..self.empty()
         }
     }
@@ -332,6 +378,13 @@ impl Dataset {
     /// Adds `offset`, rad or m, to the positions of an axis.
     pub fn shift(&mut self, axis: usize, offset: f64) {
         self.joints.iter_mut().for_each(|j| j.q[axis] += offset);
+        for own in &mut self.between {
+            let moved = |(t, mut joint): (f64, JointState)| {
+                joint.q[axis] += offset;
+                (t, joint)
+            };
+            own.motion = own.motion.iter().copied().map(moved).collect();
+        }
         self.readings.angles[axis].iter_mut().for_each(|q| *q += offset);
         self.readings.ringing = OnceLock::new();
     }

@@ -10,6 +10,7 @@
 mod columns;
 mod gears;
 mod kept;
+mod sensors;
 mod states;
 
 use std::borrow::Cow;
@@ -28,6 +29,7 @@ use crate::recording::Signals;
 
 pub use columns::{CandidateColumns, columns, columns_with, own_columns, prediction_and_columns};
 pub use kept::{KeptColumns, Laws};
+pub use sensors::reported;
 
 /// One series per channel, in the order of the dataset's channels.
 pub type Channels = Vec<Vec<f64>>;
@@ -302,14 +304,13 @@ fn observe(plant: &Plant, dataset: &Dataset, series: &mut Channels) {
         return;
     }
     let drives = Channel::of_drives(plant.mechanism);
+    let sensors: Vec<&ActiveEffect> = plant.effects.iter().collect();
     for segment in &dataset.segments {
-        let mut signals = Signals::new(plant.mechanism, dataset.t[segment.clone()].to_vec());
+        let mut ideal = Signals::new(plant.mechanism, dataset.t[segment.clone()].to_vec());
         for (series, &drive) in series.iter().zip(&drives) {
-            signals.set(drive, series[segment.clone()].to_vec());
+            ideal.set(drive, series[segment.clone()].to_vec());
         }
-        for active in &plant.effects {
-            active.observe(&mut signals);
-        }
+        let signals = reported(ideal, &sensors, !dataset.motion_before(segment.start).is_empty());
         for (series, &drive) in series.iter_mut().zip(&drives) {
             series[segment.clone()].copy_from_slice(&signals[drive]);
         }

@@ -134,14 +134,14 @@ struct Deflection {
 }
 
 impl Deflection {
-    /// Deflection at the start of a segment and its rate by the straight line through the steady ones, `at` the samples of the
+    /// Deflection one step before a segment and its rate by the straight line through the steady ones, `at` the samples of the
     /// first [`START`]: the accelerations of single samples at the end of a series are uncertain.
     fn started<E>(
         dataset: &Dataset,
         segment: &Range<usize>,
         mut at: impl FnMut(usize) -> Result<Vector4<f64>, E>,
     ) -> Result<Self, E> {
-        let (t, start) = (&dataset.t, dataset.t[segment.start]);
+        let (t, start) = (&dataset.t, dataset.t[segment.start] - dataset.dt);
         let samples = segment.clone().take_while(|&k| t[k] - start <= START);
         let steady = samples.map(|k| Ok((t[k] - start, at(k)?))).collect::<Result<Vec<_>, E>>()?;
         let n = steady.len() as f64;

@@ -16,8 +16,8 @@ pub(super) struct InternalStates {
 }
 
 impl InternalStates {
-    /// Integrates the effects' internal states along a motion; those of [`Kind::Encoder`] stay constant. States that depend on
-    /// strut forces take those of the plant with these effects.
+    /// Integrates the effects' internal states along a motion, also where its samples were left out; those of
+    /// [`Kind::Encoder`] stay constant. States that depend on strut forces take those of the plant with these effects.
     pub(super) fn along(
         plant: &Plant,
         effects: &[&ActiveEffect],
@@ -64,18 +64,22 @@ impl InternalStates {
             of_host.iter().all(|a| a.states() == 0 || a.effect.acts_on() == Part::Drives || is_absent(a));
         let mut forces = [Reactions::ZERO; 2];
         let mut values = Vec::with_capacity(dataset.len() * width);
+        let (mut before, mut place) = (dataset.t[0], 0);
         for k in 0..dataset.len() {
-            if k > 0 {
-                let (here, before) = (k % 2, (k + 1) % 2);
-                joints.set_motion(k, &mut motions[here])?;
-                let motions = [&motions[before], &motions[here]];
-                let ends: [Instant; 2] = std::array::from_fn(|i| plant.instant(dataset.t[k - 1 + i], motions[i], &[]));
+            let left_out = dataset.motion_before(k).iter().map(|(t, joint)| (*t, joints.plant.behind_encoders(joint)));
+            let sample = std::iter::once((dataset.t[k], joints.states[k]));
+            for (t, joint) in left_out.chain(sample).filter(|_| k > 0) {
+                let is_first = place == 0;
+                place += 1;
+                let (here, there) = (place % 2, (place + 1) % 2);
+                joints.plant.set_motion(&joint, &mut motions[here])?;
+                let ends = [plant.instant(before, &motions[there], &[]), plant.instant(t, &motions[here], &[])];
                 if let Some(loads) = of_plant {
                     forces = [loads.of_samples[k - 1].reactions, loads.of_samples[k].reactions];
                 } else if let Some(host) = &host {
                     let states: Vec<&[f64]> = now[effects.len()..].iter().map(Vec::as_slice).collect();
                     let at_end = |i: usize| host.reactions(ends[i].t, ends[i].motion, &states);
-                    forces = [if k > 1 && keeps_forces { forces[1] } else { at_end(0) }, at_end(1)];
+                    forces = [if !is_first && keeps_forces { forces[1] } else { at_end(0) }, at_end(1)];
                 }
                 let ends: [Instant; 2] = std::array::from_fn(|i| Instant { reactions: &forces[i], ..ends[i] });
                 let rate = |active: &ActiveEffect, end: bool, state: &[f64]| {
@@ -83,7 +87,7 @@ impl InternalStates {
                     active.state_rate(&Instant { state, ..ends[usize::from(end)] }, &mut rate, &mut slope);
                     (rate, slope)
                 };
-                let h = dataset.t[k] - dataset.t[k - 1];
+                let h = t - before;
                 let step = |(active, x): (&&ActiveEffect, &Vec<f64>)| {
                     if !moving(active) {
                         return x.clone();
@@ -92,6 +96,7 @@ impl InternalStates {
                     known.unwrap_or_else(|| exponential_heun(x, h, |end, state| rate(active, end, state)))
                 };
                 now = all.iter().zip(&now).map(step).collect();
+                before = t;
             }
             values.extend(now[..effects.len()].iter().flatten());
         }

@@ -3,6 +3,7 @@ use super::*;
 use crate::dynamics::inverse_dynamics;
 use crate::effects::Role;
 use crate::effects::find;
+use crate::identification::dataset::Between;
 use crate::machine::{Configuration, Setup};
 use crate::model::testing::irb360;
 
@@ -413,4 +414,65 @@ fn kept_columns_change_nothing() {
         assert_eq!(columns.len(), expected.len());
         columns.iter().zip(&expected).for_each(|(a, b)| close(a, b));
     }
+}
+
+/// `whole`, a single segment, without the samples of `range`, whose motion it keeps.
+fn cut(whole: &Dataset, range: std::ops::Range<usize>) -> Dataset {
+    let without = |k: &usize| !range.contains(k);
+    let kept: Vec<usize> = (0..whole.len()).filter(without).collect();
+    let motion = range.clone().map(|k| (whole.t[k], whole.joints[k])).collect();
+    Dataset {
+        t: kept.iter().map(|k| whole.t[*k]).collect(),
+        joints: kept.iter().map(|k| whole.joints[*k]).collect(),
+        measured: whole.measured.iter().map(|m| m.pieces(&[0..range.start, range.end..whole.len()])).collect(),
+        segments: vec![0..range.start, range.start..kept.len()],
+        between: vec![Between { before: range.start, motion }],
+        ..whole.clone()
+    }
+}
+
+/// RMS difference of the predicted torques of arm 1 to those of the whole motion after the cut, and RMS of what the effect adds
+/// there.
+fn error_after_a_cut(name: &str, blocks: &[&[f64]], none: &[&[f64]], setup: Setup) -> (f64, f64) {
+    let range = 900..1100;
+    let with = |blocks: &[&[f64]]| {
+        let mut model = irb360();
+        model.effects = vec![ActiveEffect::new(find(name).unwrap(), blocks)].into();
+        Plant::new(&model, &setup)
+    };
+    let plant = with(blocks);
+    let whole = dataset(waves(2000), setup);
+    let pieces = cut(&whole, range.clone());
+    let of = |plant: &Plant, dataset: &Dataset, from: usize| predict(plant, dataset).unwrap()[0][from..].to_vec();
+    let (there, here) = (of(&plant, &whole, range.end), of(&plant, &pieces, range.start));
+    let without = of(&with(none), &whole, range.end);
+    let difference = |a: &[f64], b: &[f64]| rms(a.iter().zip(b).map(|(a, b)| a - b));
+    (difference(&there, &here), difference(&there, &without))
+}
+
+/// In the 80 ms that are left out every axis reverses at most once; δ = 20 mrad.
+#[test]
+fn hysteresis_goes_on_where_samples_were_left_out() {
+    let (error, size) =
+        error_after_a_cut("backlash_hysteresis", &[&[2.0; 3], &[0.02]], &[&[0.0; 3], &[0.02]], Setup::default());
+    println!("{error:.1e} N·m of {size:.2} N·m");
+    assert!(error < 1e-12 && size > 0.5, "{error} {size}");
+}
+
+/// A filter of 10 ms, which begins a recording at rest, has been running where samples were left out.
+#[test]
+fn a_filter_is_running_after_samples_that_were_left_out() {
+    let (error, size) = error_after_a_cut("torque_filter", &[&[0.01]], &[&[0.0]], Setup::default());
+    println!("{error:.1e} N·m of {size:.2} N·m");
+    assert!(error < 0.02 * size, "{error} {size}");
+}
+
+/// The first step after samples that were left out is one sampling period.
+#[test]
+fn an_elastic_gear_does_not_swing_after_samples_that_were_left_out() {
+    let elastic: [&[f64]; 4] = [&[1e-4; 3], &[20.0], &[0.18], &[0.0]];
+    let rigid: [&[f64]; 4] = [&[0.0; 3], &[20.0], &[0.18], &[0.0]];
+    let (error, size) = error_after_a_cut("drive_elasticity", &elastic, &rigid, Setup::default());
+    println!("{error:.1e} N·m of {size:.2} N·m");
+    assert!(error < 0.25 * size, "{error} {size}");
 }
