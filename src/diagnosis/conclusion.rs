@@ -31,6 +31,9 @@ const LEAVES_MORE: f64 = 0.1;
 /// Share of the time over which the angles are smoothed below which the effects on the time of the torques look alike.
 const HIDDEN: f64 = 0.25;
 
+/// Share of the error by which effects found anew next to a formula may leave more than those found before it.
+const HARDLY_MORE: f64 = 0.02;
+
 /// Conclusion about the model.
 pub(super) struct Conclusion {
     pub verdict: Verdict,
@@ -50,6 +53,8 @@ pub(super) struct Conclusion {
     is_more_than_noise: bool,
     /// Whether what is left above the noise is noise with a memory.
     pub leaves_noise: bool,
+    /// Of effects found next to a formula, the fit without either, and their shares of the explainable error with the formula.
+    without_formula: Option<(Judged, Vec<f64>)>,
 }
 
 impl Conclusion {
@@ -81,6 +86,7 @@ impl Conclusion {
             left,
             is_more_than_noise,
             leaves_noise: false,
+            without_formula: None,
         })
     }
 
@@ -95,6 +101,48 @@ impl Conclusion {
         }
         self.end = Judged { fit: formula.fit.clone(), residuals: Arc::clone(&formula.residuals) };
         self.verdict = Verdict::Unknown;
+    }
+
+    /// The fit with a formula that explains what no known effect does, without names, if more than noise is left next to it.
+    pub fn formula_alone(&self, judge: &Judge) -> Option<Fit> {
+        let formula = self.unexplained.as_ref().filter(|formula| formula.replaces)?;
+        let names: Vec<&str> = self.effects.iter().map(|named| named.name.as_str()).collect();
+        match names[..] {
+            [] => judge.is_more_than_noise(self.end.rms()).then(|| formula.fit.clone()),
+            // They may have stood for the unknown law.
+            _ => judge.fitting.fit(&without_effects(&formula.fit.model, &names)).ok(),
+        }
+    }
+
+    /// Whether effects that were found `beside` the formula leave hardly more than what is named so far.
+    pub fn is_as_well(&self, beside: &Found, judge: &Judge) -> bool {
+        let energy = |judged: &Judged| relative_energy(judged.rms(), &judge.floor);
+        !beside.outcome.findings.is_empty() && energy(&beside.end) <= (1.0 + HARDLY_MORE) * energy(&self.end)
+    }
+
+    /// Names the effects that were found `beside` the formula, and gives their outcome; `start` is the fit without either, with the
+    /// recorder's delay `sampling_lag` if there is one.
+    ///
+    /// # Errors
+    /// If the statistics fail.
+    pub fn name_beside(
+        &mut self,
+        (start, sampling_lag): (Judged, Option<f64>),
+        beside: Found,
+        judge: &Judge,
+    ) -> Result<Found, DiagnosisError> {
+        self.effects = named(&beside, &judge.floor)?;
+        self.indistinguishable = indistinguishable(&beside, judge.fitting.datasets);
+        self.end = beside.end.clone();
+        self.is_more_than_noise = judge.is_more_than_noise(self.end.rms());
+        self.not_tried.extend(beside.not_tried.iter().cloned());
+        if let Some(formula) = self.unexplained.as_mut() {
+            formula.be_beside(&self.end);
+        }
+        let share = |without: &Vec<f64>| explained(start.rms(), without, self.end.rms(), &judge.floor);
+        let shares = beside.without.iter().map(share).collect();
+        self.without_formula = Some((start, shares));
+        Ok(Found { sampling_lag, ..beside })
     }
 
     /// Where neither a known effect nor a formula explains what is left and it is not related to the motion, it is noise: the
@@ -135,6 +183,9 @@ impl Conclusion {
             named.confidence.doubt(if is_open { named.explained } else { certain });
             named.parameters = parameters_of(&self.end.fit, &named.name);
         }
+        // Next to a formula a name is as likely as what it explains of the rest; it is measured by the whole error.
+        let shares = self.without_formula.iter().flat_map(|(_, shares)| shares);
+        self.effects.iter_mut().zip(shares).for_each(|(named, share)| named.explained = *share);
     }
 
     /// Whether a formula is in the final model.
@@ -160,23 +211,24 @@ impl Conclusion {
 
     /// Result of the diagnosis: the conclusion with intermediate results.
     pub fn answer(
-        self,
+        mut self,
         found: Found,
         left: Left,
         next_experiment: Option<NextExperiment>,
         (mounted, absent): (&Model, &[Vec<ActiveEffect>]),
         judge: &Judge,
     ) -> Result<Diagnosis, DiagnosisError> {
-        let budget = self.budget(&found.start, judge)?;
+        let start = self.without_formula.take().map_or_else(|| found.start.clone(), |(start, _)| start);
+        let budget = self.budget(&start, judge)?;
         let candidates = candidates::reports(&found, &self.effects, &self.indistinguishable);
         let alone = Alone::of(&found, absent, &candidates, judge.fitting)?;
         let twin_only: Vec<String> = missing::untestable(mounted).into_iter().map(|e| e.name().into()).collect();
         let unseen = unseen(&found, &twin_only);
-        let [rms_before, rms_after] = [&found.start, &self.end].map(|judged| judged.rms().to_vec());
+        let [rms_before, rms_after] = [&start, &self.end].map(|judged| judged.rms().to_vec());
         let datasets = judge.fitting.datasets;
         let level = NoiseLevel::of(&self.end.fit.model, datasets);
         let repeats = level.with_repeats(datasets, &self.end.fit.residuals).1;
-        let (start, end) = (found.start.fit, self.end.fit);
+        let (start, end) = (start.fit, self.end.fit);
         let mut model = end.model.clone();
         model.history.extend(budget.history());
         Ok(Diagnosis {

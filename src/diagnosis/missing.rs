@@ -18,15 +18,15 @@ const SLOWEST_RINGING: f64 = 4e-3;
 
 /// Effects that the model lacks on the mounted parts of the machine and that the data resolve, each with its initial
 /// shapes; cogging at the orders in the residuals of `fit`, if there are any. Laws of the motor angle are left out if the
-/// motor hardly turns, because they then resemble gravity and springs, and filters of the torque where the motion is
-/// smoothed at reversals, because the torque is not. `others` are effects outside the registry.
+/// motor hardly turns, because they then resemble gravity and springs, elastic gears where slow samples or coarse angles hide their
+/// ringing, and filters of the torque where the motion is smoothed at reversals, because the torque is not. `others` are effects outside the registry.
 pub fn testable(
     model: &Model,
     fit: &Fit,
     datasets: &[Dataset],
     others: &[Arc<dyn effects::Effect>],
 ) -> Vec<Vec<ActiveEffect>> {
-    let is_slow = datasets.iter().any(|t| t.dt > SLOWEST_RINGING);
+    let hides_ringing = datasets.iter().any(|t| t.dt > SLOWEST_RINGING || t.is_coarse());
     let known = absent(model, effects::REGISTRY.iter().chain(others));
     let testable = known.filter(|e| e.spec().identifiable && e.name() != effects::cogging::NAME);
     let turns = orders::motor_turns(model, datasets);
@@ -41,7 +41,7 @@ pub fn testable(
         shapes
     };
     let testable = testable.map(|e| shown(variants(model, e))).filter(|shapes| !(is_smoothed && filters(&shapes[0])));
-    let shapes = testable.filter(|shapes| !(is_slow && shapes[0].has_gears()));
+    let shapes = testable.filter(|shapes| !(hides_ringing && shapes[0].has_gears()));
     shapes.chain(orders::cogging(model, &fit.residuals, datasets).map(|found| vec![found])).collect()
 }
 

@@ -76,8 +76,8 @@ pub fn diagnose_with(
     let refitted = fitting.refit(model, options)?;
     fitting.go_on()?;
     let mounted = in_configuration(model, &datasets[0].setup);
-    let candidates = missing::testable(&mounted, &refitted, datasets, fitting.candidates);
-    let found = search::find(refitted, &judge, &candidates, progress)?;
+    let mut candidates = missing::testable(&mounted, &refitted, datasets, fitting.candidates);
+    let mut found = search::find(refitted, &judge, &candidates, progress)?;
     fitting.go_on()?;
     progress(Progress::Step("confidence"));
     let mut conclusion = Conclusion::new(&found, &judge)?;
@@ -86,6 +86,18 @@ pub fn diagnose_with(
         // A law of its own needs more than a known effect.
     } else if fitting.has_time_for(Stage::UnknownLaw) {
         conclusion.revise(unknown::explain(&found, &judge, progress)?);
+        if let Some(formula) = conclusion.formula_alone(&judge) {
+            // What the unknown law hides is looked for next to it.
+            fitting.search_beside();
+            progress(Progress::Step("effects next to the formula"));
+            let is_absent = |name: &str| formula.model.effects.iter().all(|a| a.effect.name() != name);
+            let others: Vec<_> = candidates.iter().filter(|c| is_absent(c[0].effect.name())).cloned().collect();
+            let beside = search::find(formula.clone(), &judge, &others, progress)?;
+            if conclusion.is_as_well(&beside, &judge) {
+                found = conclusion.name_beside((found.start, found.sampling_lag), beside, &judge)?;
+                candidates = others;
+            }
+        }
     } else {
         conclusion.not_tried.push("a law outside the library".into());
     }

@@ -71,6 +71,13 @@ pub struct Unexplained {
 }
 
 impl Unexplained {
+    /// The formula next to effects that were found after it, with the fit of both.
+    pub(super) fn be_beside(&mut self, both: &Judged) {
+        self.beside_named = true;
+        self.terms = estimates(&both.fit);
+        (self.fit, self.residuals) = (both.fit.clone(), Arc::clone(&both.residuals));
+    }
+
     /// The formula as a table of a model file.
     pub fn toml(&self) -> String {
         let mut text = String::from("[effects.formula] # an empirical fit, no physical finding\nempirical = true\n");
