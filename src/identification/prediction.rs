@@ -24,12 +24,11 @@ use crate::effects::{ActiveEffect, GearSpring, Kind};
 use crate::kinematics::{JointState, KinematicsError, Motion};
 use crate::machine::PerAxis;
 use crate::numerics::parallel;
-use crate::recording::Channel;
-use crate::recording::Signals;
 
 pub use columns::{CandidateColumns, columns, columns_with, own_columns, prediction_and_columns};
 pub use kept::{KeptColumns, Laws};
 pub use sensors::reported;
+use sensors::{observe, observe_apart};
 
 /// One series per channel, in the order of the dataset's channels.
 pub type Channels = Vec<Vec<f64>>;
@@ -296,25 +295,6 @@ fn add_motors(
         columns::add_weighted(series, &columns, &active.values);
     }
     Ok(())
-}
-
-/// Applies the plant's sensor effects to the torque channels.
-fn observe(plant: &Plant, dataset: &Dataset, series: &mut Channels) {
-    if !plant.observes() {
-        return;
-    }
-    let drives = Channel::of_drives(plant.mechanism);
-    let sensors: Vec<&ActiveEffect> = plant.effects.iter().collect();
-    for segment in &dataset.segments {
-        let mut ideal = Signals::new(plant.mechanism, dataset.t[segment.clone()].to_vec());
-        for (series, &drive) in series.iter().zip(&drives) {
-            ideal.set(drive, series[segment.clone()].to_vec());
-        }
-        let signals = reported(ideal, &sensors, !dataset.motion_before(segment.start).is_empty());
-        for (series, &drive) in series.iter_mut().zip(&drives) {
-            series[segment.clone()].copy_from_slice(&signals[drive]);
-        }
-    }
 }
 
 #[cfg(test)]

@@ -16,7 +16,9 @@ use std::sync::OnceLock;
 use self::differences::Differences;
 use self::laws::linear;
 pub(super) use self::laws::terms;
-use super::{Channels, InternalStates, Joints, Laws, gear_springs, gears, ideal, joints, observe, predict};
+use super::{
+    Channels, InternalStates, Joints, Laws, gear_springs, gears, ideal, joints, observe, observe_apart, predict,
+};
 use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, Entry, Role};
 use crate::identification::Dataset;

@@ -1,12 +1,90 @@
 //! Torques as the drives report them.
 
+use super::Channels;
+use crate::dynamics::{Plant, steady_inverse_dynamics};
 use crate::effects::ActiveEffect;
-use crate::recording::Signals;
+use crate::identification::Dataset;
+use crate::kinematics::{JointState, KinematicsError};
+use crate::machine::PerAxis;
+use crate::numerics::parallel;
+use crate::recording::{Channel, Signals};
 
 /// Longest time before a segment that is extrapolated, s: the memory of a filter is longer than what matters.
 const LONGEST: f64 = 0.1;
 /// Time over which the trend at the start of a segment is determined, s.
 const TREND: f64 = 0.01;
+/// Step, in sampling periods, from which samples are no neighbours.
+const GAP: f64 = 1.5;
+
+/// Applies the sensors of a plant to the predicted torques of all samples. One with a memory begins a recording at rest, and sees
+/// at samples that were left out the torques of the smoothed motion there.
+pub fn observe(plant: &Plant, dataset: &Dataset, series: &mut Channels) {
+    let remembers = plant.effects.iter().any(|active| active.sensor_reach() != [0.0; 2]);
+    if !remembers || dataset.between.is_empty() {
+        return observe_apart(plant, dataset, series);
+    }
+    match left_out(plant, dataset) {
+        Ok(left_out) => observe_through(plant, dataset, &left_out, series),
+        // A smoothed pose that the machine cannot take.
+        Err(_) => observe_apart(plant, dataset, series),
+    }
+}
+
+/// [`observe`] of each segment by itself, for changes of the torques, which are not known between segments.
+pub fn observe_apart(plant: &Plant, dataset: &Dataset, series: &mut Channels) {
+    let sensors: Vec<&ActiveEffect> = plant.effects.iter().collect();
+    let drives = Channel::of_drives(plant.mechanism);
+    for segment in dataset.segments.iter().filter(|_| plant.observes()) {
+        let mut ideal = Signals::new(plant.mechanism, dataset.t[segment.clone()].to_vec());
+        for (series, &drive) in series.iter().zip(&drives) {
+            ideal.set(drive, series[segment.clone()].to_vec());
+        }
+        let signals = reported(ideal, &sensors, !dataset.motion_before(segment.start).is_empty());
+        for (series, &drive) in series.iter_mut().zip(&drives) {
+            series[segment.clone()].copy_from_slice(&signals[drive]);
+        }
+    }
+}
+
+/// A time, s, with the torques of the drives, and the sample there unless it was left out.
+type Row = (f64, PerAxis<f64>, Option<usize>);
+
+/// What was left out, in the order of [`Dataset::between`].
+fn left_out(plant: &Plant, dataset: &Dataset) -> Result<Vec<Vec<Row>>, KinematicsError> {
+    let one = |(t, joint): &(f64, JointState)| {
+        let motion = plant.motion(&plant.behind_encoders(joint))?;
+        Ok((*t, steady_inverse_dynamics(plant, *t, &motion, false)?.tau, None))
+    };
+    let at = |i: usize| dataset.between[i].motion.iter().map(one).collect();
+    parallel::map(dataset.between.len(), at).into_iter().collect()
+}
+
+/// Applies the sensors to stretches without gaps of segments and of what was `left_out` between them.
+fn observe_through(plant: &Plant, dataset: &Dataset, left_out: &[Vec<Row>], series: &mut Channels) {
+    let axes = plant.mechanism.axes();
+    let mut stretches: Vec<Vec<Row>> = Vec::new();
+    for segment in &dataset.segments {
+        let place = dataset.between.binary_search_by_key(&segment.start, |between| between.before);
+        let before = place.map_or(&[][..], |i| &left_out[i]);
+        let torque = |k: usize| std::array::from_fn(|i| if i < axes { series[i][k] } else { 0.0 });
+        let own = segment.clone().map(|k| (dataset.t[k], torque(k), Some(k)));
+        let added: Vec<Row> = before.iter().copied().chain(own).collect();
+        let is_next = |last: &Row| added.first().is_some_and(|next| next.0 - last.0 < GAP * dataset.dt);
+        match stretches.last_mut().filter(|stretch| stretch.last().is_some_and(is_next)) {
+            Some(stretch) => stretch.extend(added),
+            None => stretches.push(added),
+        }
+    }
+    for stretch in stretches {
+        let mut signals = Signals::new(plant.mechanism, stretch.iter().map(|row| row.0).collect());
+        let rows: Vec<PerAxis<f64>> = stretch.iter().map(|row| row.1).collect();
+        signals.set_rows(Channel::Torque, &rows);
+        plant.effects.iter().for_each(|active| active.observe(&mut signals));
+        for ((.., sample), tau) in stretch.iter().zip(signals.tau().iter()) {
+            sample.iter().for_each(|k| (0..axes).for_each(|i| series[i][*k] = tau[i]));
+        }
+    }
+}
 
 /// Torques of one segment of samples as `sensors` report them.
 ///

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::{Channels, InternalStates, Joints, Moved, means, middle, observe};
+use super::{Channels, InternalStates, Joints, Moved, means, middle, observe_apart};
 use crate::dynamics::{ChannelMap, Feedback, Output, Plant, Sample, add_regressor, reads_loads};
 use crate::effects::{ActiveEffect, Kind, Part, Spec};
 use crate::identification::Dataset;
@@ -155,7 +155,7 @@ fn see(dataset: &Dataset, moved: &Moved, block: usize, columns: &mut [Vec<Channe
         false => means(dataset, moved.unobserved(dataset)?.clone(), block),
     };
     let mut seen = here.clone();
-    observe(plant, &middle, &mut seen);
+    observe_apart(plant, &middle, &mut seen);
     let largest = |series: &Channels| series.iter().flatten().fold(0.0, |most: f64, x| most.max(x.abs()));
     let size = largest(&here);
     let mut columns: Vec<&mut Channels> = columns.iter_mut().flatten().collect();
@@ -165,7 +165,7 @@ fn see(dataset: &Dataset, moved: &Moved, block: usize, columns: &mut [Vec<Channe
         for (x, h) in column.iter_mut().flatten().zip(here.iter().flatten()) {
             *x = h + step * *x;
         }
-        observe(plant, &middle, column);
+        observe_apart(plant, &middle, column);
         for (x, s) in column.iter_mut().flatten().zip(seen.iter().flatten()) {
             *x = (*x - s) / step;
         }
