@@ -18,8 +18,9 @@ const SLOWEST_RINGING: f64 = 4e-3;
 
 /// Effects that the model lacks on the mounted parts of the machine and that the data resolve, each with its initial
 /// shapes; cogging at the orders in the residuals of `fit`, if there are any. Laws of the motor angle are left out if the
-/// motor hardly turns, because they then resemble gravity and springs, elastic gears where slow samples or coarse angles hide their
-/// ringing, and filters of the torque where the motion is smoothed at reversals, because the torque is not. `others` are effects outside the registry.
+/// motor hardly turns, because they then resemble gravity and springs, elastic gears where slow samples or coarse angles hide
+/// their ringing, and filters of the torque where the motion is smoothed at reversals, because the torque is not. `others` are
+/// effects outside the registry.
 pub fn testable(
     model: &Model,
     fit: &Fit,
