@@ -114,35 +114,35 @@ impl Conclusion {
         }
     }
 
-    /// Whether effects that were found `beside` the formula leave hardly more than what is named so far.
-    pub fn is_as_well(&self, beside: &Found, judge: &Judge) -> bool {
+    /// Whether effects that were found `anew`, next to the formula, leave hardly more than what is named so far.
+    pub fn is_as_well(&self, anew: &Found, judge: &Judge) -> bool {
         let energy = |judged: &Judged| relative_energy(judged.rms(), &judge.floor);
-        !beside.outcome.findings.is_empty() && energy(&beside.end) <= (1.0 + HARDLY_MORE) * energy(&self.end)
+        !anew.outcome.findings.is_empty() && energy(&anew.end) <= (1.0 + HARDLY_MORE) * energy(&self.end)
     }
 
-    /// Names the effects that were found `beside` the formula, and gives their outcome; `start` is the fit without either, with the
-    /// recorder's delay `sampling_lag` if there is one.
+    /// Names the effects that were found `anew`, next to the formula, and gives their outcome; `start` is the fit without either,
+    /// with the recorder's delay `sampling_lag` if there is one.
     ///
     /// # Errors
     /// If the statistics fail.
-    pub fn name_beside(
+    pub fn name_next_to_formula(
         &mut self,
         (start, sampling_lag): (Judged, Option<f64>),
-        beside: Found,
+        anew: Found,
         judge: &Judge,
     ) -> Result<Found, DiagnosisError> {
-        self.effects = named(&beside, &judge.floor)?;
-        self.indistinguishable = indistinguishable(&beside, judge.fitting.datasets);
-        self.end = beside.end.clone();
+        self.effects = named(&anew, &judge.floor)?;
+        self.indistinguishable = indistinguishable(&anew, judge.fitting.datasets);
+        self.end = anew.end.clone();
         self.is_more_than_noise = judge.is_more_than_noise(self.end.rms());
-        self.not_tried.extend(beside.not_tried.iter().cloned());
+        self.not_tried.extend(anew.not_tried.iter().cloned());
         if let Some(formula) = self.unexplained.as_mut() {
-            formula.be_beside(&self.end);
+            formula.join_names(&self.end);
         }
         let share = |without: &Vec<f64>| explained(start.rms(), without, self.end.rms(), &judge.floor);
-        let shares = beside.without.iter().map(share).collect();
+        let shares = anew.without.iter().map(share).collect();
         self.without_formula = Some((start, shares));
-        Ok(Found { sampling_lag, ..beside })
+        Ok(Found { sampling_lag, ..anew })
     }
 
     /// Where neither a known effect nor a formula explains what is left and it is not related to the motion, it is noise: the

@@ -62,7 +62,7 @@ const LAST_SEARCH: f64 = 0.6;
 /// The share for the first effect, large enough for a slow computer to try it.
 const FIRST_SEARCH: f64 = 2.0;
 /// The share for effects next to a formula, which are searched once it is known.
-const SEARCH_BESIDE: f64 = 0.85;
+const SEARCH_NEXT_TO_FORMULA: f64 = 0.85;
 
 /// Fits of models to the recordings.
 pub(super) struct Fitting<'a> {
@@ -82,7 +82,8 @@ pub(super) struct Fitting<'a> {
     pub candidates: &'a [Arc<dyn Effect>],
     clock: Clock<'a>,
     has_tried: AtomicBool,
-    searches_beside: AtomicBool,
+    /// Whether a formula is known, next to which effects are searched.
+    has_formula: AtomicBool,
     /// Whether a fit ended before it converged, for lack of time.
     was_stopped: AtomicBool,
     work: Mutex<Work>,
@@ -138,7 +139,7 @@ impl<'a> Fitting<'a> {
             candidates: options.candidates,
             clock: options.clock,
             has_tried: AtomicBool::new(false),
-            searches_beside: AtomicBool::new(false),
+            has_formula: AtomicBool::new(false),
             was_stopped: AtomicBool::new(false),
             work: Mutex::default(),
             columns: Mutex::default(),
@@ -255,18 +256,18 @@ impl<'a> Fitting<'a> {
 
     /// Whether it is too late to search another effect.
     pub fn is_late(&self) -> bool {
-        let is_beside = self.searches_beside.load(Ordering::Relaxed);
+        let has_formula = self.has_formula.load(Ordering::Relaxed);
         self.passed()
             >= match self.has_tried.load(Ordering::Relaxed) {
-                _ if is_beside => SEARCH_BESIDE,
+                _ if has_formula => SEARCH_NEXT_TO_FORMULA,
                 true => LAST_SEARCH,
                 false => FIRST_SEARCH,
             }
     }
 
     /// Permits the search for effects next to a formula.
-    pub fn search_beside(&self) {
-        self.searches_beside.store(true, Ordering::Relaxed);
+    pub fn search_next_to_formula(&self) {
+        self.has_formula.store(true, Ordering::Relaxed);
     }
 
     /// Whether a stage may still start.

@@ -88,13 +88,13 @@ pub fn diagnose_with(
         conclusion.revise(unknown::explain(&found, &judge, progress)?);
         if let Some(formula) = conclusion.formula_alone(&judge) {
             // What the unknown law hides is looked for next to it.
-            fitting.search_beside();
+            fitting.search_next_to_formula();
             progress(Progress::Step("effects next to the formula"));
             let is_absent = |name: &str| formula.model.effects.iter().all(|a| a.effect.name() != name);
             let others: Vec<_> = candidates.iter().filter(|c| is_absent(c[0].effect.name())).cloned().collect();
-            let beside = search::find(formula.clone(), &judge, &others, progress)?;
-            if conclusion.is_as_well(&beside, &judge) {
-                found = conclusion.name_beside((found.start, found.sampling_lag), beside, &judge)?;
+            let anew = search::find(formula.clone(), &judge, &others, progress)?;
+            if conclusion.is_as_well(&anew, &judge) {
+                found = conclusion.name_next_to_formula((found.start, found.sampling_lag), anew, &judge)?;
                 candidates = others;
             }
         }

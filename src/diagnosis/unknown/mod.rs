@@ -72,7 +72,7 @@ pub struct Unexplained {
 
 impl Unexplained {
     /// The formula next to effects that were found after it, with the fit of both.
-    pub(super) fn be_beside(&mut self, both: &Judged) {
+    pub(super) fn join_names(&mut self, both: &Judged) {
         self.beside_named = true;
         self.terms = estimates(&both.fit);
         (self.fit, self.residuals) = (both.fit.clone(), Arc::clone(&both.residuals));

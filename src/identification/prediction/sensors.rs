@@ -61,7 +61,8 @@ fn left_out(plant: &Plant, dataset: &Dataset) -> Result<Vec<Vec<Row>>, Kinematic
 
 /// Applies the sensors to stretches without gaps of segments and of what was `left_out` between them.
 fn observe_through(plant: &Plant, dataset: &Dataset, left_out: &[Vec<Row>], series: &mut Channels) {
-    let axes = plant.mechanism.axes();
+    // The drives' channels come first.
+    let axes = plant.mechanism.axes().min(series.len());
     let mut stretches: Vec<Vec<Row>> = Vec::new();
     for segment in &dataset.segments {
         let place = dataset.between.binary_search_by_key(&segment.start, |between| between.before);
