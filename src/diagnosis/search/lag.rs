@@ -105,6 +105,11 @@ impl Search<'_> {
         self.lag == Lag::InModel && filters && early
     }
 
+    /// Whether the smoothing of the angles is in the model as a filter next to an earlier delay: the filter will be refused.
+    pub(super) fn is_smoothed(&self, fit: &Fit) -> bool {
+        fit.model.effects.iter().any(|a| self.is_smoothing(fit, a.effect.name()))
+    }
+
     /// Whether `name` is a delay by which the torques are recorded earlier than any controller holds or computes them. With
     /// a filter of the same time it is the smoothing of the angles, which the torque lacks.
     pub(super) fn is_too_early(&self, fit: &Fit, name: &str) -> bool {
