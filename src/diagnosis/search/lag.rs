@@ -96,6 +96,11 @@ impl Search<'_> {
         (late.values[0].abs() < most + 3.0 * std).then(|| late.clone())
     }
 
+    /// Whether `name` is a delay that is the recorder's: it belongs into the starting model, and is no effect next to others.
+    pub(super) fn is_recorders(&self, fit: &Fit, name: &str) -> bool {
+        name == DELAY && self.lag != Lag::InModel && self.recorded_lag(fit).is_some()
+    }
+
     /// Whether `name` is a filter of the torque with which the recorder's delay is earlier than a held command: both together
     /// are the smoothing of the angles, which the torque lacks.
     pub(super) fn is_smoothing(&self, fit: &Fit, name: &str) -> bool {
