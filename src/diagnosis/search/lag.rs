@@ -101,13 +101,16 @@ impl Search<'_> {
         name == DELAY && self.lag != Lag::InModel && self.recorded_lag(fit).is_some()
     }
 
-    /// Whether `name` is a filter of the torque with which the recorder's delay is earlier than a held command: both together
-    /// are the smoothing of the angles, which the torque lacks.
+    /// Whether `name` is a filter of the torque with which the recorder's delay is earlier than a held command, by most of the
+    /// time by which the filter is late: both together are the smoothing of the angles, which the torque lacks.
     pub(super) fn is_smoothing(&self, fit: &Fit, name: &str) -> bool {
-        let filters = fit.model.effects.iter().any(|a| a.effect.name() == name && a.sensor_memory() > 0.0);
+        let Some(late) = delay(&fit.model).filter(|_| self.lag == Lag::InModel).map(|late| late.values[0]) else {
+            return false;
+        };
+        let is_undone = |filter: &ActiveEffect| filter.sensor_memory() > 0.0 && -late > 0.5 * filter.values[0];
         let held = -0.5 * self.judge.fitting.datasets[0].dt;
-        let early = delay(&fit.model).is_some_and(|late| late.values[0] + 3.0 * std_of_delay(fit) < held);
-        self.lag == Lag::InModel && filters && early
+        late + 3.0 * std_of_delay(fit) < held
+            && fit.model.effects.iter().any(|a| a.effect.name() == name && is_undone(a))
     }
 
     /// Whether the smoothing of the angles is in the model as a filter next to an earlier delay: the filter will be refused.
