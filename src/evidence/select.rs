@@ -219,18 +219,18 @@ fn prune(
         return Ok((vec![Finding { chosen: *one, ranking: step.ranking.clone(), as_stated: false }], removed));
     }
     for round in 0.. {
-        let mut findings = Vec::new();
+        let mut findings: Vec<Finding> = Vec::new();
+        let passes = |f: &Finding| f.ranking.of(f.chosen.candidate).is_some_and(|a| a.passes(settings));
         for &c in chosen.iter() {
             let finding = judged(c, &others(chosen, c), problem, stated, (settings, stop))?;
             *rankings += 1 + usize::from(finding.as_stated);
             findings.push(finding);
+            if !findings.last().is_some_and(passes) {
+                break;
+            }
         }
-        let p = |f: &Finding| match f.ranking.of(f.chosen.candidate) {
-            Some(a) if a.passes(settings) => a.p_adjusted,
-            _ => f64::INFINITY,
-        };
-        let fails = findings.iter().position(|f| p(f).is_infinite());
-        if let Some(i) = fails {
+        // Without the first that fails, the others are assessed anew.
+        if let Some(i) = findings.iter().position(|f| !passes(f)) {
             removed.push(chosen.remove(i));
             continue;
         }
