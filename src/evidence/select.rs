@@ -219,18 +219,18 @@ fn prune(
         return Ok((vec![Finding { chosen: *one, ranking: step.ranking.clone(), as_stated: false }], removed));
     }
     for round in 0.. {
-        let mut findings: Vec<Finding> = Vec::new();
-        let passes = |f: &Finding| f.ranking.of(f.chosen.candidate).is_some_and(|a| a.passes(settings));
-        for &c in chosen.iter() {
+        let (mut findings, mut failed) = (Vec::new(), None);
+        for (i, &c) in chosen.iter().enumerate() {
             let finding = judged(c, &others(chosen, c), problem, stated, (settings, stop))?;
             *rankings += 1 + usize::from(finding.as_stated);
-            findings.push(finding);
-            if !findings.last().is_some_and(passes) {
+            if !finding.ranking.of(c.candidate).is_some_and(|a| a.passes(settings)) {
+                failed = Some(i);
                 break;
             }
+            findings.push(finding);
         }
-        // Without the first that fails, the others are assessed anew.
-        if let Some(i) = findings.iter().position(|f| !passes(f)) {
+        // Without it the others are assessed anew.
+        if let Some(i) = failed {
             removed.push(chosen.remove(i));
             continue;
         }

@@ -113,9 +113,10 @@ impl Search<'_> {
             && fit.model.effects.iter().any(|a| a.effect.name() == name && is_undone(a))
     }
 
-    /// Whether the smoothing of the angles is in the model as a filter next to an earlier delay: the filter will be refused.
+    /// Whether the smoothing of coarse angles is in the model as a filter next to an earlier delay: the filter will be refused.
     pub(super) fn is_smoothed(&self, fit: &Fit) -> bool {
-        fit.model.effects.iter().any(|a| self.is_smoothing(fit, a.effect.name()))
+        self.judge.fitting.datasets.iter().any(Dataset::blurs_reversals)
+            && fit.model.effects.iter().any(|a| self.is_smoothing(fit, a.effect.name()))
     }
 
     /// Whether `name` is a delay by which the torques are recorded earlier than any controller holds or computes them. With
