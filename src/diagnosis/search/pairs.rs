@@ -186,15 +186,7 @@ impl Search<'_> {
         let Some((_, begun, is_enough)) = best else { return Ok(()) };
         let begun = begun.to_vec();
         let keeps_all = |outcome: &Outcome| begun.iter().all(|c| outcome.found().contains(&c.candidate));
-        // The last selection may have begun with the same effects.
-        let is_same = |(outcome, _): &(Outcome, Judged)| {
-            let first: Vec<Chosen> = outcome.steps.iter().take(begun.len()).map(|step| step.added).collect();
-            first.len() == begun.len() && first.iter().all(|added| begun.contains(added))
-        };
-        let mut selected = match self.selected.take().filter(is_same) {
-            Some(known) => Selection::Complete(Box::new(known)),
-            None => self.select(&begun, progress)?,
-        };
+        let mut selected = self.select(&begun, progress)?;
         // A delay that was added next to them is the recorder's; one of them may be so only with the others.
         if let Selection::Lag(late, _) = selected {
             if self.without_lag(&begun) != begun {
