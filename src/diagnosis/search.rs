@@ -127,7 +127,7 @@ fn find_along(
     }
     let mut begun: Vec<Chosen> = Vec::new();
     // The last selection of which an effect was refused.
-    let mut refuted: Option<(Outcome, Judged)> = None;
+    let mut refuted = None;
     let best = loop {
         judge.fitting.go_on()?;
         progress(Progress::Step("evidence"));
@@ -145,7 +145,6 @@ fn find_along(
                 // So is what stands of the last one if this one was cut at once.
                 let is_cut_at_once = outcome.cut_short && outcome.findings.is_empty();
                 let (outcome, end) = refuted.take().filter(|_| is_cut_at_once).unwrap_or((outcome, end));
-                let selection = (outcome.clone(), end.clone());
                 match search.confirm(outcome, end)? {
                     Ok(standing) => {
                         if judge.is_more_than_noise(standing.end.rms()) {
@@ -156,7 +155,7 @@ fn find_along(
                         break search.and_more(best, progress)?;
                     }
                     Err(name) => {
-                        refuted = Some(selection);
+                        refuted.clone_from(&search.selected);
                         name
                     }
                 }
@@ -212,6 +211,8 @@ struct Search<'a> {
     /// The ranking before anything was added or refused.
     all: Option<Ranking>,
     fits: Fits,
+    /// The last selection if it came to its regular end, until another one begins with it.
+    selected: Option<(Outcome, Judged)>,
     /// The best pairs of effects, whether they were tried, and what of the best one is confirmed.
     pairs: OnceCell<Vec<Proposed>>,
     has_paired: bool,
@@ -251,6 +252,7 @@ impl<'a> Search<'a> {
             refused: Vec::new(),
             all: None,
             fits,
+            selected: None,
             pairs: OnceCell::new(),
             has_paired: false,
             paired: None,
@@ -316,6 +318,7 @@ impl<'a> Search<'a> {
     /// nonlinearly or a consistency constraint is active, because the error of an old linearisation resembles further
     /// effects. The effects of `begun` are added first.
     fn select(&mut self, begun: &[Chosen], progress: &mut dyn FnMut(Progress)) -> Result<Selection, DiagnosisError> {
+        self.selected = None;
         let (stated, fitting) = (self.stated(begun), self.judge.fitting);
         let is_begun = !begun.is_empty();
         let mut stopped: Option<Selection> = None;
@@ -353,7 +356,11 @@ impl<'a> Search<'a> {
             progress(Progress::Ranked(&promises(&outcome.remaining)));
             self.all = Some(outcome.remaining.clone());
         }
-        self.complete(outcome, last, progress)
+        let selection = self.complete(outcome, last, progress)?;
+        if let Selection::Complete(complete) = &selection {
+            self.selected = Some((**complete).clone());
+        }
+        Ok(selection)
     }
 
     /// Whether the effects `fitted` before the last of `chosen` leave nothing to be explained, and the last one is neither the

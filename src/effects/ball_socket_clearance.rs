@@ -79,7 +79,7 @@ fn motions(at: &Instant) -> Option<PlateMotions> {
 fn resistance(at: &Instant, motions: &PlateMotions, limb: usize) -> [Twist; SLOTS] {
     let mut xi = [STILL; SLOTS];
     let mut arms: PerLimb<f64> = each(0.0);
-    motions.spread(&(motions.gap(2 * limb) + motions.gap(2 * limb + 1)), &mut arms, &mut xi);
+    motions.spread(&motions.gaps_of(limb), &mut arms, &mut xi);
     if !at.geometry.plate.bodies().contains(&END_EFFECTOR) {
         let (v, omega) = xi[PLATFORM];
         xi[END_EFFECTOR] = (v + omega.cross(&lever(at, END_EFFECTOR)), omega);
@@ -193,17 +193,16 @@ impl InternalStates for BallSocketClearance {
     }
 
     /// Along a motion the forces without the relief by ẍ are known; it may be so strong that x follows within microseconds.
-    /// Classical Runge–Kutta with forces linear in between; after a gap of [`FORGOTTEN`] times T in equilibrium.
+    /// Classical Runge–Kutta with forces linear in between and the relief at the end; after a gap of [`FORGOTTEN`] times T in
+    /// equilibrium.
     fn step_along(&self, values: &Values, from: &Instant, to: &Instant) -> Option<Vec<f64>> {
         let (h, time) = (to.t - from.t, values.one(TIME));
         if h > FORGOTTEN * time {
             return Some(self.steady_state(values, to));
         }
         let relief = relief(values, to);
-        let own = |at: &Instant, relief: &StrutMatrix| {
-            StrutVector::from(at.reactions.lower) + relief * all_rates(at.state, time)
-        };
-        let (before, after) = (own(from, &self::relief(values, from)), own(to, &relief));
+        let own = |at: &Instant| StrutVector::from(at.reactions.lower) + relief * all_rates(at.state, time);
+        let (before, after) = (own(from), own(to));
         // Rate of the fastest mode: (3 + κ)/T with κ = |relief|/(T²·F₀).
         let fastest = (3.0 + relief.norm() / (time * time * values.one(FORCE))) / time;
         let steps = (fastest * h).ceil().max(1.0) as usize;

@@ -27,6 +27,9 @@ const LARGE: f64 = 8.0;
 /// Least number of values per column of a fit of all candidates.
 const ROWS_PER_COLUMN: usize = 20;
 
+/// Number of values per column from which all candidates are fitted for the noise that they leave, if there are more.
+const USED_ROWS_PER_COLUMN: usize = 25;
+
 /// Lower bound of a channel's noise, as a share of the RMS of its measurement; smaller values are rounding errors.
 const ROUNDING: f64 = 1e-9;
 
@@ -126,21 +129,20 @@ impl<'a> BaseFit<'a> {
         let variants = (0..shapes).flat_map(|v| candidates.iter().filter_map(move |c| c.variants.get(v)));
         let columns = self.columns.iter().copied().chain(variants.flat_map(|v| &v.columns)).take(most);
         let columns: Vec<&Column> = columns.filter(|c| c.values.iter().any(|v| *v != 0.0)).collect();
-        let places: Vec<usize> = (0..problem.channels.len())
-            .filter(|&c| scale[c] > 0.0)
-            .flat_map(|c| rows.iter().map(move |k| c * n + k))
-            .collect();
+        let used: Vec<usize> = (0..problem.channels.len()).filter(|&c| scale[c] > 0.0).collect();
+        let stride = (rows.len() * used.len() / (USED_ROWS_PER_COLUMN * columns.len()).max(1)).max(1);
+        let places: Vec<usize> =
+            used.iter().flat_map(|c| rows.iter().step_by(stride).map(move |k| c * n + k)).collect();
         let value = |series: &[f64], place: usize| series[place] / scale[place / n];
         let matrix = DMatrix::from_fn(places.len(), columns.len(), |i, j| value(&columns[j].values, places[i]));
         let right = DVector::from_iterator(places.len(), places.iter().map(|&p| value(&self.residual, p)));
         // A product of matrices is blocked for the cache; `tr_mul` is not.
         let transposed = matrix.transpose();
-        let (inverse, _) = pseudo_inverse(&(&transposed * &matrix));
-        let fitted = &matrix * (inverse * (transposed * right));
+        let (inverse, _) = pseudo_inverse(&(&transposed * matrix));
+        let coefficients = inverse * (transposed * right);
         let mut left = self.residual.clone();
-        for (place, x) in places.into_iter().zip(fitted.iter()) {
-            left[place] -= x * scale[place / n];
-        }
+        let columns: Vec<&[f64]> = columns.iter().map(|c| &*c.values).collect();
+        subtract(&mut left, &columns, coefficients.as_slice());
         Cow::Owned(left)
     }
 

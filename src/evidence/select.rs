@@ -219,18 +219,18 @@ fn prune(
         return Ok((vec![Finding { chosen: *one, ranking: step.ranking.clone(), as_stated: false }], removed));
     }
     for round in 0.. {
-        let mut findings = Vec::new();
-        for &c in chosen.iter() {
+        let (mut findings, mut failed) = (Vec::new(), None);
+        for (i, &c) in chosen.iter().enumerate() {
             let finding = judged(c, &others(chosen, c), problem, stated, (settings, stop))?;
             *rankings += 1 + usize::from(finding.as_stated);
+            if !finding.ranking.of(c.candidate).is_some_and(|a| a.passes(settings)) {
+                failed = Some(i);
+                break;
+            }
             findings.push(finding);
         }
-        let p = |f: &Finding| match f.ranking.of(f.chosen.candidate) {
-            Some(a) if a.passes(settings) => a.p_adjusted,
-            _ => f64::INFINITY,
-        };
-        let fails = findings.iter().position(|f| p(f).is_infinite());
-        if let Some(i) = fails {
+        // Without it the others are assessed anew.
+        if let Some(i) = failed {
             removed.push(chosen.remove(i));
             continue;
         }

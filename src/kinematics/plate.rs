@@ -107,6 +107,15 @@ impl PlateMotions {
         }
     }
 
+    /// Rates of the coordinates per unit gap at both struts of a limb while the drives are locked.
+    pub fn gaps_of(&self, limb: usize) -> Coordinates {
+        let [one, other] = [2 * limb, 2 * limb + 1];
+        match &self.inverse {
+            Inverse::Exact(inverse) => inverse.column(one) + inverse.column(other),
+            Inverse::Least(root) => root.solve(&(self.gaps.row(one) + self.gaps.row(other)).transpose()),
+        }
+    }
+
     /// Axial forces at the lower balls, N, for loads on the coordinates.
     fn forces(&self, loads: &Coordinates) -> Coordinates {
         match &self.inverse {

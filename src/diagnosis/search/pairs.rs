@@ -126,7 +126,8 @@ impl Search<'_> {
     }
 
     /// Whether another pair than the first two `chosen` effects promises to leave clearly less of the error above the
-    /// noise than they do in `ranking`, before they are fitted, and than the fit with the first one leaves, if that is made.
+    /// noise than they do in `ranking`, before they are fitted, and than the fit with the first one leaves, if that is made and
+    /// leaves anything to be explained.
     pub(super) fn has_better_pairs(
         &self,
         chosen: &[Chosen],
@@ -138,6 +139,9 @@ impl Search<'_> {
             return self.slow_effect(alone).is_some();
         }
         let [first, second] = chosen else { return false };
+        if fitted.is_some_and(|(_, first)| self.judge.is_noise(first.rms())) {
+            return false;
+        }
         let Some(own) = ranking.of(second.candidate).filter(|_| !self.has_paired) else { return false };
         let by_fit = |(_, first): &Refitted| {
             let series = self.judge.fitting.residual_series(&first.fit.residuals);
@@ -186,7 +190,15 @@ impl Search<'_> {
         let Some((_, begun, is_enough)) = best else { return Ok(()) };
         let begun = begun.to_vec();
         let keeps_all = |outcome: &Outcome| begun.iter().all(|c| outcome.found().contains(&c.candidate));
-        let mut selected = self.select(&begun, progress)?;
+        // The last selection may have begun with the same effects.
+        let is_same = |(outcome, _): &(Outcome, Judged)| {
+            let first: Vec<Chosen> = outcome.steps.iter().take(begun.len()).map(|step| step.added).collect();
+            first.len() == begun.len() && first.iter().all(|added| begun.contains(added))
+        };
+        let mut selected = match self.selected.take().filter(is_same) {
+            Some(known) => Selection::Complete(Box::new(known)),
+            None => self.select(&begun, progress)?,
+        };
         // A delay that was added next to them is the recorder's; one of them may be so only with the others.
         if let Selection::Lag(late, _) = selected {
             if self.without_lag(&begun) != begun {
