@@ -136,7 +136,9 @@ fn find_along(
         let refused = match selected {
             Selection::Complete(complete) => {
                 let (outcome, end) = *complete;
-                let is_delayed_more = search.sampling_lag(&end).is_some() && search.recorded_lag(&end.fit).is_none();
+                let is_delayed_more = search.sampling_lag(&end).is_some()
+                    && search.recorded_lag(&end.fit).is_none()
+                    && !search.is_smoothed(&end.fit);
                 // Without time for another selection, what stands of this one is the answer.
                 if is_delayed_more && !judge.fitting.is_late() {
                     search.exclude_lag();

@@ -176,6 +176,14 @@ impl Dataset {
         self.between.binary_search_by_key(&k, |between| between.before).map_or(&[], |i| &self.between[i].motion)
     }
 
+    /// Times, s, and motion of the `samples` before sample `k`, and of what was left out before their segment.
+    fn run_up(&self, k: usize, samples: usize) -> Vec<(f64, JointState)> {
+        let segment = self.segments.iter().rfind(|s| s.start <= k).map_or(k, |s| s.start);
+        let first = segment.max(k.saturating_sub(samples));
+        let left_out = if first == segment { self.motion_before(segment) } else { &[] };
+        left_out.iter().copied().chain((first..k).map(|k| (self.t[k], self.joints[k]))).collect()
+    }
+
     /// The machine of `model` in the setup of the recording, under the loads that were measured.
     pub fn plant(&self, model: &Model) -> Plant {
         Plant::new(model, &self.setup).under(self.loads.clone())
@@ -264,7 +272,8 @@ impl Dataset {
         }
     }
 
-    /// The first of every `of` pieces of `length` samples, each a segment of its own, or several if it has gaps.
+    /// The first of every `of` pieces of `length` samples, each a segment of its own, or several if it has gaps, and the motion
+    /// during as many samples before each.
     ///
     /// # Panics
     /// If `length` or `of` is zero.
@@ -273,6 +282,10 @@ impl Dataset {
         for start in (0..self.len()).step_by(length * of) {
             let piece = self.window(start..(start + length).min(self.len()));
             let first = sparse.len();
+            let run_up = Between { before: 0, motion: self.run_up(start, length).into() };
+            let between = std::iter::once(run_up).chain(piece.between.into_iter().filter(|own| own.before > 0));
+            let kept = between.filter(|own| !own.motion.is_empty());
+            sparse.between.extend(kept.map(|own| Between { before: first + own.before, ..own }));
             sparse.t.extend(piece.t);
             sparse.joints.extend(piece.joints);
             sparse.measured.iter_mut().zip(piece.measured).for_each(|(all, own)| all.extend(own.iter().copied()));

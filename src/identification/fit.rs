@@ -21,7 +21,7 @@ use self::feasible::Feasible;
 use self::regression::Regression;
 use super::base_parameters::Structure;
 use super::normal_equations::{NormalEquations, UNIT_WEIGHTS};
-use super::prediction::{KeptColumns, is_local};
+use super::prediction::KeptColumns;
 use super::regularisation::GroupWeight;
 use super::{BaseParameter, Dataset, Residuals, check_together};
 use crate::dynamics::{PlantParameter, in_configuration};
@@ -114,7 +114,7 @@ pub struct Fit {
 /// Share of an effect's largest parameter by which another one may lie outside its range.
 const MIN_EXCESS: f64 = 0.2;
 /// Number of samples from which nonlinear parameters are first fitted to some pieces.
-const MANY_SAMPLES: usize = 20_000;
+const MANY_SAMPLES: usize = 10_000;
 /// Samples of a piece, and number of such pieces out of which one is taken.
 const PIECE: (usize, usize) = (256, 6);
 
@@ -178,11 +178,12 @@ pub fn fit_with(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options
 }
 
 /// Parameters of least cost over some pieces of long recordings, from which the iteration over all samples needs few steps;
-/// `None` where that saves nothing: if all parameters enter linearly, recordings are short, or the prediction at a sample
-/// depends on all those before it.
+/// `None` where that saves nothing: if all parameters enter linearly, recordings are short, or gears ring longer than a piece
+/// runs up.
 fn approached(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options: &Options) -> Option<Model> {
     let samples: usize = datasets.iter().map(Dataset::len).sum();
-    if samples < MANY_SAMPLES || !is_nonlinear(model) || !is_local(&datasets[0].plant(model)) {
+    let rings = model.effects.iter().any(|active| active.gear_springs().is_some());
+    if samples < MANY_SAMPLES || !is_nonlinear(model) || rings {
         return None;
     }
     let pieces: Vec<Dataset> = datasets.iter().map(|dataset| dataset.sparse(PIECE.0, PIECE.1)).collect();

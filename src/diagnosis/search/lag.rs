@@ -96,19 +96,30 @@ impl Search<'_> {
         (late.values[0].abs() < most + 3.0 * std).then(|| late.clone())
     }
 
-    /// Whether `name` is a filter of the torque with which the recorder's delay is earlier than a held command: both together
-    /// are the smoothing of the angles, which the torque lacks.
-    pub(super) fn is_smoothing(&self, fit: &Fit, name: &str) -> bool {
-        let filters = fit.model.effects.iter().any(|a| a.effect.name() == name && a.sensor_memory() > 0.0);
-        let held = -0.5 * self.judge.fitting.datasets[0].dt;
-        let early = delay(&fit.model).is_some_and(|late| late.values[0] + 3.0 * std_of_delay(fit) < held);
-        self.lag == Lag::InModel && filters && early
+    /// Whether `name` is an effect on the time of the torques that belongs to the recording: a delay that sampling explains, or
+    /// by which they are recorded earlier than any controller holds or computes them; or the smoothing of the angles.
+    pub(super) fn is_of_recording(&self, fit: &Fit, name: &str) -> bool {
+        let is_early = || delay(&fit.model).is_some_and(|late| late.values[0] < 0.0);
+        let is_own_delay = name == DELAY && self.lag != Lag::InModel;
+        (is_own_delay && (self.recorded_lag(fit).is_some() || is_early())) || self.is_smoothing(fit, name)
     }
 
-    /// Whether `name` is a delay by which the torques are recorded earlier than any controller holds or computes them. With
-    /// a filter of the same time it is the smoothing of the angles, which the torque lacks.
-    pub(super) fn is_too_early(&self, fit: &Fit, name: &str) -> bool {
-        name == DELAY && self.recorded_lag(fit).is_none() && delay(&fit.model).is_some_and(|late| late.values[0] < 0.0)
+    /// Whether `name` is a filter of the torque with which the recorder's delay is earlier than a held command, by most of the
+    /// time by which the filter is late: both together are the smoothing of the angles, which the torque lacks.
+    fn is_smoothing(&self, fit: &Fit, name: &str) -> bool {
+        let Some(late) = delay(&fit.model).filter(|_| self.lag == Lag::InModel).map(|late| late.values[0]) else {
+            return false;
+        };
+        let is_undone = |filter: &ActiveEffect| filter.sensor_memory() > 0.0 && -late > 0.5 * filter.values[0];
+        let held = -0.5 * self.judge.fitting.datasets[0].dt;
+        late + 3.0 * std_of_delay(fit) < held
+            && fit.model.effects.iter().any(|a| a.effect.name() == name && is_undone(a))
+    }
+
+    /// Whether the smoothing of coarse angles is in the model as a filter next to an earlier delay: the filter will be refused.
+    pub(super) fn is_smoothed(&self, fit: &Fit) -> bool {
+        self.judge.fitting.datasets.iter().any(Dataset::blurs_reversals)
+            && fit.model.effects.iter().any(|a| self.is_smoothing(fit, a.effect.name()))
     }
 }
 

@@ -79,7 +79,7 @@ impl Search<'_> {
         known.sort_by(|a, b| self.left(&a.1).total_cmp(&self.left(&b.1)));
         for (chosen, end) in known {
             let is_judged = |c: &Chosen| chosen.len() == 1 || self.fits.known(&others(&chosen, *c)).is_some();
-            if !chosen.iter().all(is_judged) || self.chosen_lag(&end.fit, &chosen).is_some() {
+            if !chosen.iter().all(is_judged) {
                 continue;
             }
             let Ok(without) = self.stand(&chosen, &end)? else { continue };
@@ -99,8 +99,7 @@ impl Search<'_> {
     /// RMS residuals without each of the chosen effects, or the name of the weakest that is not confirmed.
     pub(super) fn stand(&self, chosen: &[Chosen], end: &Judged) -> Result<Result<Vec<Vec<f64>>, String>, FitError> {
         let name = |c: &Chosen| self.shape(c).effect.name();
-        let is_refused = |c: &&Chosen| self.is_too_early(&end.fit, name(c)) || self.is_no_law(&end.fit, name(c));
-        if let Some(c) = chosen.iter().find(is_refused) {
+        if let Some(c) = chosen.iter().find(|c| self.is_no_law(&end.fit, name(c))) {
             return Ok(Err(name(c).into()));
         }
         // A fit that leaves more than the start has diverged, with a column that the data hardly determine.
@@ -128,13 +127,14 @@ impl Search<'_> {
         Ok(weakest.map_or(Ok(all), |(_, name)| Err(name.into())))
     }
 
-    /// Whether what a fit says of an effect is no law of the machine: impossible coefficients, coefficients that are all zero
-    /// within their errors, an error that the derivatives of the angles leave, or friction that gives power.
+    /// Whether an effect in a fit is not a law of the machine: impossible coefficients, coefficients that are all zero within
+    /// their errors, an effect on the time of the torques that belongs to the recording, an error that the derivatives of the
+    /// angles leave, or friction that gives power.
     fn is_no_law(&self, fit: &Fit, name: &str) -> bool {
         is_impossible(fit, name)
             || is_nothing(fit, name)
+            || self.is_of_recording(fit, name)
             || self.is_unresolved(fit, name)
-            || self.is_smoothing(fit, name)
             || self.is_driving(fit, name)
     }
 
@@ -182,10 +182,10 @@ impl Search<'_> {
     /// the RMS residuals before each addition.
     fn longest_standing(&self, chosen: &[Chosen]) -> Result<(Judged, Vec<Vec<f64>>), FitError> {
         let (mut end, mut without) = (self.start.clone(), Vec::new());
-        for (k, c) in chosen.iter().enumerate() {
+        for k in 0..chosen.len() {
             let Ok(next) = self.refit(&chosen[..=k], None) else { break };
-            let name = self.shape(c).effect.name();
-            if self.is_no_law(&next.fit, name) || !self.judge.confirms(&end, &next)? {
+            let is_no_law = |c: &Chosen| self.is_no_law(&next.fit, self.shape(c).effect.name());
+            if chosen[..=k].iter().any(is_no_law) || !self.judge.confirms(&end, &next)? {
                 break;
             }
             without.push(std::mem::replace(&mut end, next).rms().to_vec());

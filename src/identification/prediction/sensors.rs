@@ -4,7 +4,7 @@ use super::Channels;
 use crate::dynamics::{Plant, steady_inverse_dynamics};
 use crate::effects::ActiveEffect;
 use crate::identification::Dataset;
-use crate::kinematics::{JointState, KinematicsError};
+use crate::kinematics::{JointState, KinematicsError, Motion};
 use crate::machine::PerAxis;
 use crate::numerics::parallel;
 use crate::recording::{Channel, Signals};
@@ -13,6 +13,8 @@ use crate::recording::{Channel, Signals};
 const LONGEST: f64 = 0.1;
 /// Time over which the trend at the start of a segment is determined, s.
 const TREND: f64 = 0.01;
+/// Time over which torques along a smoothed motion are linear, s.
+const LINEAR: f64 = 2e-3;
 /// Step, in sampling periods, from which samples are no neighbours.
 const GAP: f64 = 1.5;
 
@@ -49,13 +51,20 @@ pub fn observe_apart(plant: &Plant, dataset: &Dataset, series: &mut Channels) {
 /// A time, s, with the torques of the drives, and the sample there unless it was left out.
 type Row = (f64, PerAxis<f64>, Option<usize>);
 
-/// What was left out, in the order of [`Dataset::between`].
+/// What was left out, in the order of [`Dataset::between`]: the first sample of each, and others up to the last in steps
+/// in which the smoothed torques are linear.
 fn left_out(plant: &Plant, dataset: &Dataset) -> Result<Vec<Vec<Row>>, KinematicsError> {
-    let one = |(t, joint): &(f64, JointState)| {
-        let motion = plant.motion(&plant.behind_encoders(joint))?;
-        Ok((*t, steady_inverse_dynamics(plant, *t, &motion, false)?.tau, None))
+    let stride = dataset.stride(LINEAR);
+    let at = |i: usize| {
+        let all = &dataset.between[i].motion;
+        let mut motion = Motion::REST;
+        let mut one = |(t, joint): &(f64, JointState)| {
+            plant.set_motion(&plant.behind_encoders(joint), &mut motion)?;
+            Ok((*t, steady_inverse_dynamics(plant, *t, &motion, false)?.tau, None))
+        };
+        let used = |k: &usize| *k == 0 || (all.len() - 1 - k) % stride == 0;
+        (0..all.len()).filter(used).map(|k| one(&all[k])).collect()
     };
-    let at = |i: usize| dataset.between[i].motion.iter().map(one).collect();
     parallel::map(dataset.between.len(), at).into_iter().collect()
 }
 
