@@ -280,7 +280,7 @@ fn unseen(found: &Found, twin_only: &[String]) -> Vec<String> {
 fn named(found: &Found, floor: &[f64]) -> Result<Vec<Named>, DiagnosisError> {
     let last = found.outcome.refitted.as_ref().unwrap_or(&found.problem);
     let one = |(finding, without): (&Finding, &Vec<f64>)| {
-        let problem = if finding.as_stated { &found.problem } else { last };
+        let problem = finding.problem.as_deref().unwrap_or(last);
         Ok(Named {
             name: problem.candidates[finding.chosen.candidate].name.clone(),
             confidence: Confidence::of(finding, problem, &found.settings)?,

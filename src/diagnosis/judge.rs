@@ -126,6 +126,14 @@ impl<'a> Judge<'a> {
         rms.iter().zip(&self.floor).all(|(r, floor)| r <= floor)
     }
 
+    /// Whether one fit leaves clearly less of the validation data than another, by the share of the error above the noise that is
+    /// left where it gains.
+    pub fn is_clearly_less(&self, less: &[f64], more: &[f64], share: f64) -> bool {
+        let [before, after] = [more, less].map(|rms| energies(rms, &self.floor));
+        let gain = before.iter().sum::<f64>() - after.iter().sum::<f64>();
+        gain > 0.0 && gain > share / (1.0 - share) * left_next_to(&before, &after)
+    }
+
     /// Error budget on the validation data.
     pub fn budget(&self, rms_before: Vec<f64>, effects: Vec<(String, Vec<f64>)>) -> Budget {
         Budget {

@@ -345,9 +345,8 @@ impl<'a> Search<'a> {
                 String::new()
             })
         };
-        // With a linear model the constraints make the linearisation, together as well as apart.
-        let is_held = self.is_bounded() && (self.edges == Edges::Apart || !is_nonlinear(&self.start.fit.model));
-        let outcome = evidence::select_with(&stated, &self.settings, &|| fitting.is_late(), refit, is_held, begun);
+        let held = |others: &[Chosen]| self.held(&stated, others).map_err(|e| e.to_string());
+        let outcome = evidence::select_with(&stated, &self.settings, &|| fitting.is_late(), refit, &held, begun);
         self.all = all;
         fitting.count_rankings(outcome.as_ref().map_or(rankings, |o| o.rankings));
         if let Some(stopped) = stopped {
@@ -363,6 +362,19 @@ impl<'a> Search<'a> {
             self.selected = Some((**complete).clone());
         }
         Ok(selection)
+    }
+
+    /// The problem linearised at the fit with `others` if consistency constraints are active there. Those of the start count together
+    /// with a linear model only: there they make the linearisation.
+    fn held(&self, stated: &Problem, others: &[Chosen]) -> Result<Option<Problem>, FitError> {
+        if others.is_empty() {
+            let counts = self.edges == Edges::Apart || !is_nonlinear(&self.start.fit.model);
+            return Ok((self.is_bounded() && counts).then(|| stated.clone()));
+        }
+        // Without a fit, or the time for one, nothing is held.
+        let fitted = if self.judge.fitting.is_late() { None } else { self.refit(others, None).ok() };
+        let held = fitted.filter(|fitted| !fitted.fit.edges.is_empty());
+        held.map(|fitted| self.relinearised(&fitted.fit, stated, others)).transpose()
     }
 
     /// Whether the effects `fitted` before the last of `chosen` leave nothing to be explained, and the last one is neither the
@@ -503,7 +515,8 @@ impl<'a> Search<'a> {
     /// The outcome with `chosen` effects, significant or not, and their fit.
     fn given(&self, chosen: &[Chosen], fitted: &Fit) -> Result<Outcome, DiagnosisError> {
         let refitted = self.relinearised(fitted, &self.problem, chosen)?;
-        let outcome = evidence::given(refitted, chosen, &self.settings)?;
+        let held = |others: &[Chosen]| self.held(&self.problem, others).map_err(|e| e.to_string());
+        let outcome = evidence::given(refitted, chosen, &self.settings, &held)?;
         self.judge.fitting.count_rankings(outcome.rankings);
         Ok(outcome)
     }

@@ -57,6 +57,6 @@ pub use pairs::{Pair, pairs};
 pub use problem::{Candidate, Channel, Chosen, Column, Problem, Settings, Variant};
 pub use ranking::{Absorption, Assessment, Estimate, Ranking, TooFew, Visibility};
 pub(crate) use select::others;
-pub use select::{Finding, Outcome, Refit, Step, given, select, select_with};
+pub use select::{FREE, Finding, Held, Outcome, Refit, Step, given, select, select_with};
 pub(crate) use special::t_quantile;
 pub use stop::{NEVER, Stop};

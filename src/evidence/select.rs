@@ -1,5 +1,7 @@
 //! Forward selection of effects with backward elimination.
 
+use std::sync::Arc;
+
 use super::Error;
 use super::evaluate::{evaluate, evaluate_for, evaluate_in_the_rest};
 use super::problem::{Chosen, Problem, Settings};
@@ -23,9 +25,15 @@ pub struct Finding {
     /// Assessment of it and of all others; its confidence set contains the effects that it cannot be distinguished
     /// from.
     pub ranking: Ranking,
-    /// Whether it was assessed in the problem as stated instead of the last refitted one.
-    pub as_stated: bool,
+    /// The problem in which it was assessed, if that is not the last refitted one.
+    pub problem: Option<Arc<Problem>>,
 }
+
+/// The problem linearised at the fit with some effects where consistency constraints restrict the parameters, or else `None`.
+pub type Held<'a> = &'a dyn Fn(&[Chosen]) -> Result<Option<Problem>, String>;
+
+/// Nothing restricts the parameters.
+pub const FREE: Held = &|_| Ok(None);
 
 /// Answer of the caller after an effect was added.
 pub enum Refit {
@@ -75,23 +83,43 @@ impl Outcome {
 /// # Errors
 /// As [`evaluate()`].
 pub fn select(problem: &Problem, settings: &Settings) -> Result<Outcome, Error> {
-    select_with(problem, settings, NEVER, |_, _| Ok(Refit::Same), false, &[])
+    select_with(problem, settings, NEVER, |_, _| Ok(Refit::Same), FREE, &[])
 }
 
-/// Outcome with the `chosen` effects, significant or not, in the problem `refitted` with them and the noise that they leave.
+/// Outcome with the `chosen` effects, significant or not, in the problem `refitted` with them and the noise that they leave; an
+/// effect that fails there in the problem that is `held` without it.
 ///
 /// # Errors
-/// As [`evaluate()`].
-pub fn given(refitted: Problem, chosen: &[Chosen], settings: &Settings) -> Result<Outcome, Error> {
+/// As [`evaluate()`]; also if `held` fails.
+pub fn given(refitted: Problem, chosen: &[Chosen], settings: &Settings, held: Held) -> Result<Outcome, Error> {
     let finding = |own: &Chosen| {
-        let ranking = evaluate_in_the_rest(&refitted, *own, &others(chosen, *own), settings)?;
-        Ok(Finding { chosen: *own, ranking, as_stated: false })
+        let others = others(chosen, *own);
+        let ranking = evaluate_in_the_rest(&refitted, *own, &others, settings)?;
+        let finding = Finding { chosen: *own, ranking, problem: None };
+        or_held(finding, &others, settings, held)
     };
     let findings = chosen.iter().map(finding).collect::<Result<Vec<Finding>, Error>>()?;
     let remaining = evaluate(&refitted, chosen, settings)?;
-    let rankings = findings.len() + 1;
+    let rankings = 1 + findings.iter().map(assessments).sum::<usize>();
     let refitted = Some(refitted);
     Ok(Outcome { steps: Vec::new(), findings, removed: Vec::new(), remaining, refitted, cut_short: false, rankings })
+}
+
+/// Times all candidates were assessed for a finding.
+fn assessments(finding: &Finding) -> usize {
+    1 + usize::from(finding.problem.is_some())
+}
+
+/// A finding, or if its effect fails, that in the problem that is `held` with the `others`: there parameters are restricted by
+/// active constraints, without which they would explain the contribution of the effect.
+fn or_held(finding: Finding, others: &[Chosen], settings: &Settings, held: Held) -> Result<Finding, Error> {
+    let own = finding.chosen;
+    if finding.ranking.of(own.candidate).is_some_and(|a| a.passes(settings)) {
+        return Ok(finding);
+    }
+    let Some(problem) = held(others).map_err(Error::Refit)? else { return Ok(finding) };
+    let ranking = evaluate(&problem, others, settings)?;
+    Ok(Finding { chosen: own, ranking, problem: Some(Arc::new(problem)) })
 }
 
 /// The chosen effects without `own`.
@@ -103,9 +131,8 @@ pub(crate) fn others(chosen: &[Chosen], own: Chosen) -> Vec<Chosen> {
 /// may return the problem linearised at better parameters, with the same candidates in the same order. Once `stop`
 /// returns true, no effect is added or exchanged, and every effect is assessed given those added before it.
 ///
-/// If `is_held`, a single effect that fails in the refitted problem is assessed in the problem as stated. There,
-/// parameters are restricted by active constraints; without these constraints, the parameters would explain the
-/// contribution of the effect.
+/// An effect that fails in the refitted problem is assessed in the one that is `held` with the others. There, parameters are
+/// restricted by active constraints; without these constraints, the parameters would explain the contribution of the effect.
 ///
 /// The effects of `begun` are added first, without being asked for, and refitted together.
 ///
@@ -116,7 +143,7 @@ pub fn select_with<F>(
     settings: &Settings,
     stop: Stop,
     mut refit: F,
-    is_held: bool,
+    held: Held,
     begun: &[Chosen],
 ) -> Result<Outcome, Error>
 where
@@ -162,10 +189,10 @@ where
     let last = refitted.as_ref().unwrap_or(problem);
     let first = steps.first().filter(|_| refitted.is_none());
     let (findings, removed) = match stop() {
-        true => (as_added(&steps, is_held), Vec::new()),
+        true => (as_added(&steps, held)?, Vec::new()),
         false => {
-            let stated = Some(problem).filter(|_| is_held && refitted.is_some());
-            prune((last, stated), &mut chosen, first, (settings, stop), &mut rankings)?
+            let held: Held = if refitted.is_some() { held } else { FREE };
+            prune((last, held), &mut chosen, first, (settings, stop), &mut rankings)?
         }
     };
     if steps.iter().map(|s| s.added).ne(chosen.iter().copied()) {
@@ -175,40 +202,35 @@ where
     Ok(Outcome { steps, findings, removed, remaining, refitted, cut_short, rankings })
 }
 
-/// Findings of the steps, each with only the effects added before it in the base; the first one is marked as assessed
-/// in the problem as stated if `is_held`.
-fn as_added(steps: &[Step], is_held: bool) -> Vec<Finding> {
-    let one = |(i, step): (usize, &Step)| Finding {
-        chosen: step.added,
-        ranking: step.ranking.clone(),
-        as_stated: is_held && i == 0,
-    };
-    steps.iter().enumerate().map(one).collect()
+/// Findings of the steps, each with only the effects added before it in the base; the first one in the problem as stated if that
+/// is `held`.
+fn as_added(steps: &[Step], held: Held) -> Result<Vec<Finding>, Error> {
+    let mut findings: Vec<Finding> =
+        steps.iter().map(|step| Finding { chosen: step.added, ranking: step.ranking.clone(), problem: None }).collect();
+    if let Some(first) = findings.first_mut() {
+        first.problem = held(&[]).map_err(Error::Refit)?.map(Arc::new);
+    }
+    Ok(findings)
 }
 
-/// Finding of an effect with the `others` in the base; a single effect that fails is assessed in `stated`.
+/// Finding of an effect with the `others` in the base.
 fn judged(
     chosen: Chosen,
     others: &[Chosen],
-    problem: &Problem,
-    stated: Option<&Problem>,
+    (problem, held): (&Problem, Held),
     (settings, stop): (&Settings, Stop),
 ) -> Result<Finding, Error> {
     // Where it will not be exchanged for a better one, its rivals are compared with it.
     let own = stop().then_some(chosen.candidate);
     let ranking = evaluate_for(problem, others, own, settings)?;
-    let passes = ranking.of(chosen.candidate).is_some_and(|a| a.passes(settings));
-    match stated.filter(|_| others.is_empty() && !passes) {
-        Some(stated) => Ok(Finding { chosen, ranking: evaluate(stated, others, settings)?, as_stated: true }),
-        None => Ok(Finding { chosen, ranking, as_stated: false }),
-    }
+    or_held(Finding { chosen, ranking, problem: None }, others, settings, held)
 }
 
 /// Assesses every chosen effect given the others: removes those that explain nothing more, and exchanges those for
 /// which another candidate has more evidence.
 /// Counts the assessments of all candidates in `rankings`.
 fn prune(
-    (problem, stated): (&Problem, Option<&Problem>),
+    (problem, held): (&Problem, Held),
     chosen: &mut Vec<Chosen>,
     first: Option<&Step>,
     (settings, stop): (&Settings, Stop),
@@ -216,13 +238,13 @@ fn prune(
 ) -> Result<(Vec<Finding>, Vec<Chosen>), Error> {
     let mut removed = Vec::new();
     if let ([one], Some(step)) = (chosen.as_slice(), first) {
-        return Ok((vec![Finding { chosen: *one, ranking: step.ranking.clone(), as_stated: false }], removed));
+        return Ok((vec![Finding { chosen: *one, ranking: step.ranking.clone(), problem: None }], removed));
     }
     for round in 0.. {
         let (mut findings, mut failed) = (Vec::new(), None);
         for (i, &c) in chosen.iter().enumerate() {
-            let finding = judged(c, &others(chosen, c), problem, stated, (settings, stop))?;
-            *rankings += 1 + usize::from(finding.as_stated);
+            let finding = judged(c, &others(chosen, c), (problem, held), (settings, stop))?;
+            *rankings += assessments(&finding);
             if !finding.ranking.of(c.candidate).is_some_and(|a| a.passes(settings)) {
                 failed = Some(i);
                 break;

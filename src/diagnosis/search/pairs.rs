@@ -208,14 +208,14 @@ impl Search<'_> {
             self.has_paired = true;
             selected = self.select(&begun, progress)?;
         }
+        let end = self.fitted_together(&begun)?;
+        let is_less = |other: &Judged| self.judge.is_clearly_less(end.rms(), other.rms(), CLEARLY_LESS);
         let (outcome, end) = match selected {
-            Selection::Complete(complete) if !is_enough || keeps_all(&complete.0) => *complete,
-            // The linear problem exchanges them for another effect, or what it adds is refused: the validation data decide.
-            _ if is_enough => {
-                let end = self.fitted_together(&begun)?;
-                (self.given(&begun, &end.fit)?, end)
+            Selection::Complete(complete) if keeps_all(&complete.0) || !(is_enough || is_less(&complete.1)) => {
+                *complete
             }
-            _ => return Ok(()),
+            // The linear problem exchanges them for another effect, or refuses one of them: the validation data decide.
+            _ => (self.given(&begun, &end.fit)?, end),
         };
         // One effect of two is found with its rivals without the other.
         self.paired = Some(self.confirm_some(outcome, end)?).filter(|standing| standing.without.len() >= begun.len());
@@ -249,8 +249,8 @@ impl Search<'_> {
 
     /// The selection that began with a pair if it leaves clearly less of the error above the noise than `standing`.
     pub(super) fn better_of(&mut self, standing: Standing) -> Standing {
-        let most = (1.0 - CLEARLY_LESS) * self.left(&standing.end);
-        let is_better = self.paired.as_ref().is_some_and(|p| self.left(&p.end) < most);
+        let is_less = |p: &Standing| self.judge.is_clearly_less(p.end.rms(), standing.end.rms(), CLEARLY_LESS);
+        let is_better = self.paired.as_ref().is_some_and(is_less);
         self.paired.take().filter(|_| is_better).unwrap_or(standing)
     }
 }

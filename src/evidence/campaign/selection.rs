@@ -103,7 +103,7 @@ fn a_single_effect_needs_no_significance() {
     let p = null_problem(51, false);
     assert!(select(&p, &quick()).unwrap().findings.is_empty());
     let asked = Chosen { candidate: 4, variant: 0 };
-    let o = given(p, &[asked], &quick()).unwrap();
+    let o = given(p, &[asked], &quick(), FREE).unwrap();
     assert_eq!(o.found(), [4]);
     let ranking = &o.findings[0].ranking;
     assert!(ranking.of(4).is_some_and(|a| !a.passes(&quick())) && o.remaining.of(4).is_none());
@@ -120,14 +120,14 @@ fn refit_is_called_and_checked() {
         calls.push((chosen.to_vec(), ranking.winner().map(|a| a.candidate)));
         Ok(Refit::New(Box::new(p.clone())))
     };
-    let o = select_with(&p, &quick(), NEVER, refit, false, &[]).unwrap();
+    let o = select_with(&p, &quick(), NEVER, refit, FREE, &[]).unwrap();
     assert_eq!(calls[0], (vec![Chosen { candidate: 4, variant: 0 }], Some(4)));
     assert!(o.refitted.is_some() && o.found().contains(&4));
     let mut fewer = p.clone();
     fewer.candidates.pop();
-    let wrong = select_with(&p, &quick(), NEVER, |_, _| Ok(Refit::New(Box::new(fewer.clone()))), false, &[]);
+    let wrong = select_with(&p, &quick(), NEVER, |_, _| Ok(Refit::New(Box::new(fewer.clone()))), FREE, &[]);
     assert_eq!(wrong.err(), Some(Error::Candidates));
-    let failed = select_with(&p, &quick(), NEVER, |_, _| Err("no".into()), false, &[]);
+    let failed = select_with(&p, &quick(), NEVER, |_, _| Err("no".into()), FREE, &[]);
     assert_eq!(failed.err(), Some(Error::Refit("no".into())));
 }
 
@@ -139,11 +139,11 @@ fn what_was_added_before_the_time_is_up_stays() {
     plant(&mut p, 7, 0, 0.5);
     let asked = std::sync::atomic::AtomicUsize::new(0);
     let after_one = || asked.fetch_add(1, std::sync::atomic::Ordering::Relaxed) > 0;
-    let o = select_with(&p, &quick(), &after_one, |_, _| Ok(Refit::Same), false, &[]).unwrap();
+    let o = select_with(&p, &quick(), &after_one, |_, _| Ok(Refit::Same), FREE, &[]).unwrap();
     assert!(o.cut_short && o.findings.len() == 1, "{:?}", o.found());
     let passing = o.remaining.candidates.iter().filter(|a| a.passes(&quick())).count();
     assert!(passing > 0, "the other one is still there");
-    let never = select_with(&p, &quick(), &|| true, |_, _| Ok(Refit::Same), false, &[]).unwrap();
+    let never = select_with(&p, &quick(), &|| true, |_, _| Ok(Refit::Same), FREE, &[]).unwrap();
     assert!(never.cut_short && never.findings.is_empty());
     assert!(!select(&p, &quick()).unwrap().cut_short);
 }
@@ -153,6 +153,27 @@ fn what_was_added_before_the_time_is_up_stays() {
 fn an_effect_that_is_withdrawn_is_not_found() {
     let mut p = null_problem(51, false);
     plant(&mut p, 4, 0, 0.5);
-    let o = select_with(&p, &quick(), NEVER, |_, _| Ok(Refit::Withdraw), false, &[]).unwrap();
+    let o = select_with(&p, &quick(), NEVER, |_, _| Ok(Refit::Withdraw), FREE, &[]).unwrap();
     assert!(o.cut_short && o.findings.is_empty() && o.remaining.winner().is_some());
+}
+
+/// Two effects, one of which a parameter imitates that only a constraint holds without it: it is judged where that holds.
+#[test]
+fn an_effect_that_a_constraint_shows_stays_next_to_another_one() {
+    let mut p = null_problem(51, false);
+    plant(&mut p, 4, 0, 0.5);
+    plant(&mut p, 7, 0, 0.5);
+    let mut free = p.clone();
+    let imitating = p.candidates[4].variants[0].columns.clone();
+    free.base.extend(imitating);
+    let [one, other] = [4, 7].map(|candidate| Chosen { candidate, variant: 0 });
+    let of = |held: Held| {
+        let refit = |_: &[Chosen], _: &Ranking| Ok(Refit::New(Box::new(free.clone())));
+        select_with(&p, &quick(), NEVER, refit, held, &[one, other]).unwrap()
+    };
+    let found = of(FREE);
+    assert!(!found.found().contains(&4) && found.found().contains(&7), "{:?}", found.found());
+    let found = of(&|others| Ok((others == [other]).then(|| p.clone())));
+    assert_eq!(found.found(), [4, 7]);
+    assert_eq!(found.findings.iter().map(|f| f.problem.is_some()).collect::<Vec<_>>(), [true, false]);
 }
