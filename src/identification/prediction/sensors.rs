@@ -62,7 +62,7 @@ fn left_out(plant: &Plant, dataset: &Dataset) -> Result<Vec<Vec<Row>>, Kinematic
             plant.set_motion(&plant.behind_encoders(joint), &mut motion)?;
             Ok((*t, steady_inverse_dynamics(plant, *t, &motion, false)?.tau, None))
         };
-        let used = |k: &usize| *k == 0 || (all.len() - 1 - k) % stride == 0;
+        let used = |k: &usize| *k == 0 || (all.len() - 1 - k).is_multiple_of(stride);
         (0..all.len()).filter(used).map(|k| one(&all[k])).collect()
     };
     parallel::map(dataset.between.len(), at).into_iter().collect()
