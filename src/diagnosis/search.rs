@@ -364,8 +364,8 @@ impl<'a> Search<'a> {
         Ok(selection)
     }
 
-    /// The problem linearised at the fit with `others` if consistency constraints are active there. Those of the start count together
-    /// with a linear model only: there they make the linearisation.
+    /// The problem linearised at the fit with `others` if consistency constraints are active there. Without others, constraints that
+    /// are taken together count only in a linear model: its linearisation follows from them.
     fn held(&self, stated: &Problem, others: &[Chosen]) -> Result<Option<Problem>, FitError> {
         if others.is_empty() {
             let counts = self.edges == Edges::Apart || !is_nonlinear(&self.start.fit.model);

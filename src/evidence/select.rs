@@ -29,6 +29,13 @@ pub struct Finding {
     pub problem: Option<Arc<Problem>>,
 }
 
+impl Finding {
+    /// Whether the effect is significant and relevant.
+    fn passes(&self, settings: &Settings) -> bool {
+        self.ranking.of(self.chosen.candidate).is_some_and(|a| a.passes(settings))
+    }
+}
+
 /// The problem linearised at the fit with some effects where consistency constraints restrict the parameters, or else `None`.
 pub type Held<'a> = &'a dyn Fn(&[Chosen]) -> Result<Option<Problem>, String>;
 
@@ -110,16 +117,15 @@ fn assessments(finding: &Finding) -> usize {
     1 + usize::from(finding.problem.is_some())
 }
 
-/// A finding, or if its effect fails, that in the problem that is `held` with the `others`: there parameters are restricted by
-/// active constraints, without which they would explain the contribution of the effect.
+/// A finding, or if its effect fails, the one in the problem that is `held` with the `others`: active constraints restrict the
+/// parameters there, which would otherwise explain the contribution of the effect.
 fn or_held(finding: Finding, others: &[Chosen], settings: &Settings, held: Held) -> Result<Finding, Error> {
-    let own = finding.chosen;
-    if finding.ranking.of(own.candidate).is_some_and(|a| a.passes(settings)) {
+    if finding.passes(settings) {
         return Ok(finding);
     }
     let Some(problem) = held(others).map_err(Error::Refit)? else { return Ok(finding) };
     let ranking = evaluate(&problem, others, settings)?;
-    Ok(Finding { chosen: own, ranking, problem: Some(Arc::new(problem)) })
+    Ok(Finding { ranking, problem: Some(Arc::new(problem)), ..finding })
 }
 
 /// The chosen effects without `own`.
@@ -245,7 +251,7 @@ fn prune(
         for (i, &c) in chosen.iter().enumerate() {
             let finding = judged(c, &others(chosen, c), (problem, held), (settings, stop))?;
             *rankings += assessments(&finding);
-            if !finding.ranking.of(c.candidate).is_some_and(|a| a.passes(settings)) {
+            if !finding.passes(settings) {
                 failed = Some(i);
                 break;
             }
