@@ -9,7 +9,7 @@
 //! | `viscous_curve` | powers \|v\|^β, tanh(v/v_s), v/√(v² + v_s²) | tanh (`axes.rs`) |
 //! | `gear_efficiency` | \|K_m·τ − K_e·τ_e\| of motor and external torque | in its file |
 //! | `air_drag` | −½ρ·c_w·A·\|v\|v, powers of 1.7 to 2 | power 1.8 |
-//! | `hose_spring` | zero or finite free length, pull only | finite, slack |
+//! | `hose_spring` | zero or finite free length, pull only | finite, slack, preloaded |
 //! | `telescope_end_stop` | linear, Hertz' δ^1.5, Hunt–Crossley | – |
 //! | `torque_ripple` | amplitude and phase, sine and cosine, other harmonics | amplitude and phase |
 //! | `thermal_friction_drift` | exponential or rational in time, by dissipated energy | rational |
@@ -72,10 +72,12 @@ fn spring(p: &Vector3<f64>, k: f64, end: [f64; 3], free: f64, slack: bool) -> Lo
 }
 
 /// Name of the effect, and its law in another shape.
-const LAWS: [(&str, Law); 8] = [
+const LAWS: [(&str, Law); 9] = [
     ("hose_spring", |at| spring(&at.p, 15.0, [0.4, -0.3, 0.1], 0.9, false)),
     ("hose_spring", |at| spring(&at.p, 60.0, [0.4, -0.3, 0.1], 0.9, false)),
     ("hose_spring", |at| spring(&at.p, 40.0, [-0.5, 0.2, -0.3], 0.85, true)),
+    // 8 N of preload: a free length below zero.
+    ("hose_spring", |at| spring(&at.p, 48.0, [0.3, -0.25, -0.05], -8.0 / 48.0, false)),
     ("air_drag", |at| on_platform(-0.9 * at.v.norm().powf(0.8) * at.v)),
     ("drive_stribeck", |at| on_arms(|i| -1.5 * at.motion.qd[i].signum() / (1.0 + (at.motion.qd[i] / 0.12).powi(2)))),
     ("drive_viscous_asymmetry", |at| on_arms(|i| [-0.25, 0.2, -0.3][i] * at.motion.qd[i].max(0.0))),
@@ -178,6 +180,9 @@ fn spring_in(recordings: [Dataset; 2], delivered: &Model) -> [f64; 2] {
 fn a_spring_of_finite_length_is_found_with_its_length() {
     let found = spring_in([7, 8].map(|seed| measured(LAWS[1].1, seed)), &model("irb360-6-1600"));
     assert!((found[0] - 60.0).abs() < 2.0 && (found[1] - 0.9).abs() < 0.01, "{found:?}");
+    // Preloaded, it is one of less than no length.
+    let found = spring_in([7, 8].map(|seed| measured(LAWS[3].1, seed)), &model("irb360-6-1600"));
+    assert!((found[0] - 48.0).abs() < 2.0 && (found[1] + 8.0 / 48.0).abs() < 0.02, "{found:?}");
 }
 
 /// Without its free length a weak spring to an end far outside leaves hardly more, with a stiffness 27 and 42 % too small.

@@ -170,23 +170,23 @@ impl<'a> Fitting<'a> {
         options.fitted.filter(|_| options.fixed.is_empty()).map_or_else(|| self.fit(model), |fit| Ok(fit.clone()))
     }
 
-    /// Refits the parameters of `model` that are not fixed, with one correction of an impossible machine.
+    /// Refits the parameters of `model` that are not fixed, an impossible machine corrected approximately: see [`FitOptions::is_approximate`].
     pub fn fit(&self, model: &Model) -> Result<Fit, FitError> {
         self.fit_with(model, true)
     }
 
-    /// [`Self::fit`], which leaves no more than `model` does: see [`FitOptions::is_corrected_once`].
+    /// [`Self::fit`], which leaves no more than `model` does.
     pub fn fit_possible(&self, model: &Model) -> Result<Fit, FitError> {
         self.fit_with(model, false)
     }
 
-    fn fit_with(&self, model: &Model, is_corrected_once: bool) -> Result<Fit, FitError> {
+    fn fit_with(&self, model: &Model, is_approximate: bool) -> Result<Fit, FitError> {
         let stop = || {
             let is_late = self.is_late();
             self.was_stopped.fetch_or(is_late, Ordering::Relaxed);
             is_late
         };
-        let options = FitOptions { fixed: self.fixed, stop: Some(&stop), is_corrected_once, ..FitOptions::default() };
+        let options = FitOptions { fixed: self.fixed, stop: Some(&stop), is_approximate, ..FitOptions::default() };
         let fitted = if !self.means.is_empty() && model.effects.iter().all(|active| is_slow(active, self.means)) {
             let fit = fit_with(
                 model,

@@ -36,6 +36,8 @@ const FORCE: usize = 1;
 const TIME: usize = 2;
 /// Lags in a row.
 const LAGS: usize = 3;
+/// Play (m) beyond which a ball has left its cup, far beyond any that the law admits; a fit may try it.
+const LEFT_ITS_CUP: f64 = 0.01;
 /// Duration in which three lags forget their start, e⁻²⁰, over T.
 const FORGOTTEN: f64 = 25.0;
 
@@ -194,9 +196,12 @@ impl InternalStates for BallSocketClearance {
 
     /// Along a motion the forces without the relief by ẍ are known; it may be so strong that x follows within microseconds.
     /// Classical Runge–Kutta with forces linear in between and the relief at the end; after a gap of [`FORGOTTEN`] times T in
-    /// equilibrium.
+    /// equilibrium. Not a number for a play with which a ball has left its cup.
     fn step_along(&self, values: &Values, from: &Instant, to: &Instant) -> Option<Vec<f64>> {
         let (h, time) = (to.t - from.t, values.one(TIME));
+        if values.block(GAP).iter().any(|gap| gap.abs() > LEFT_ITS_CUP) {
+            return Some(vec![f64::NAN; from.state.len()]);
+        }
         if h > FORGOTTEN * time {
             return Some(self.steady_state(values, to));
         }

@@ -8,7 +8,8 @@ use crate::machine::bodies::PLATFORM;
 /// Spring force F = f − k·e·d/|d| on the platform's centre p, with d = p − a and the elongation e = |d| − l₀.
 ///
 /// a is the fixed end in m, inertial axes; l₀ the free length in m; k in N/m, never negative; f a constant force in N,
-/// inertial axes, e.g. the weight of the hose. With `pulls_only` = 1 the spring is slack in compression: e = max(0, |d|
+/// inertial axes, e.g. the weight of the hose. A spring wound with a preload F₀ pulls at any length: l₀ is less by F₀/k, and below
+/// zero for a spring that would be short. With `pulls_only` = 1 the spring is slack in compression: e = max(0, |d|
 /// − l₀). With l₀ = 0 the law is linear, F = f + k·a − k·p, and f is equivalent to a fixed end at a + f/k. Potential
 /// energy k·e²/2 − f·p.
 pub struct HoseSpring;
@@ -20,7 +21,8 @@ const FREE_LENGTH: usize = 3;
 const PULLS_ONLY: usize = 4;
 
 /// Starting values on the reference machine: fixed ends 0.8 m from the middle of the workspace, overhead and inclined by
-/// 45° to four sides, each with a spring of about that length and with a slack one.
+/// 45° to four sides, each with a spring of about that length and with a slack one. A spring without length starts overhead:
+/// its law is the same from every end, but its length is searched next.
 const STARTS: [Start; 11] = {
     const fn at(anchor: &'static [f64], length: &'static [f64], pulls_only: &'static [f64]) -> Start {
         Start([Some((ANCHOR, anchor)), Some((FREE_LENGTH, length)), Some((PULLS_ONLY, pulls_only))])
@@ -28,7 +30,7 @@ const STARTS: [Start; 11] = {
     const ENDS: [&[f64]; 5] =
         [&[0.0, 0.0, -0.2], &[0.57, 0.0, -0.43], &[-0.57, 0.0, -0.43], &[0.0, 0.57, -0.43], &[0.0, -0.57, -0.43]];
     [
-        at(&[0.0, 0.0, -0.9], &[0.0], &[0.0]),
+        at(ENDS[0], &[0.0], &[0.0]),
         at(ENDS[0], &[0.7], &[0.0]),
         at(ENDS[1], &[0.7], &[0.0]),
         at(ENDS[2], &[0.7], &[0.0]),
@@ -46,7 +48,7 @@ const PARAMETERS: &[Parameter] = &[
     Parameter::new("stiffness", Unit::NPerM, Role::Linear, 10.0, (0.0, 1e4)),
     Parameter::new("preload", Unit::N, Role::Linear, 3.0, (-200.0, 200.0)).counted(Count::Named(&["x", "y", "z"])),
     Parameter::new("anchor", Unit::M, Role::Shape, 0.5, (-5.0, 5.0)).counted(Count::Named(&["x", "y", "z"])),
-    Parameter::new("free_length", Unit::M, Role::Shape, 0.8, (0.0, 5.0)),
+    Parameter::new("free_length", Unit::M, Role::Shape, 0.8, (-5.0, 5.0)),
     // 0 or 1.
     Parameter::new("pulls_only", Unit::One, Role::Fixed, 0.0, (0.0, 1.0)),
 ];
@@ -120,6 +122,8 @@ mod tests {
         approx::assert_relative_eq!(with(0.3, 1.0), Vector3::new(-2.4, 0.0, 3.2), epsilon = 1e-12);
         approx::assert_relative_eq!(with(0.6, 0.0), Vector3::new(1.2, 0.0, -1.6), epsilon = 1e-12);
         assert_eq!(with(0.6, 1.0), Vector3::zeros());
+        // A preload of 4 N: 20·0.5 + 4 = 14 N.
+        approx::assert_relative_eq!(with(-0.2, 1.0), Vector3::new(-8.4, 0.0, 11.2), epsilon = 1e-12);
         assert!(pull(&[&[20.0], &[0.0; 3], &[0.0; 3], &[0.6], &[0.0]], Vector3::zeros()).norm() < 1e-300);
     }
 }

@@ -38,14 +38,21 @@ impl Estimator {
         finite.then(|| Self { size: size.clone(), data, prior: prior.clone(), inverse })
     }
 
-    /// The estimator with the share `damping` of the curvature along each parameter in addition; `None` without any, or if
-    /// the sum is not positive definite.
-    pub fn damped(&self, damping: f64) -> Option<Self> {
-        if damping == 0.0 {
+    /// The estimator with the share `all` of the curvature along each parameter in addition, and along each of `some` parameters
+    /// the share `more` of the curvature that is left while the parameters not among them follow; `None` without any, or if the sum is not
+    /// positive definite.
+    pub fn damped(&self, all: f64, more: f64, some: &[usize]) -> Option<Self> {
+        if all == 0.0 && more == 0.0 {
             return None;
         }
-        let added = DMatrix::from_diagonal(&(self.data.diagonal() * damping + &self.prior));
-        let inverse = (&self.data + added).cholesky()?.inverse();
+        let mut added = self.data.diagonal() * all + &self.prior;
+        if more > 0.0 && !some.is_empty() {
+            // That is the inverse of their part of the inverse, the Schur complement.
+            let part = self.inverse.select_rows(some).select_columns(some);
+            let left = part.cholesky()?.inverse();
+            some.iter().zip(left.diagonal().iter()).for_each(|(&i, left)| added[i] += more * left);
+        }
+        let inverse = (&self.data + DMatrix::from_diagonal(&added)).cholesky()?.inverse();
         Some(Self { size: self.size.clone(), data: self.data.clone(), prior: self.prior.clone(), inverse })
     }
 

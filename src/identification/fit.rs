@@ -63,8 +63,8 @@ pub struct Options<'a> {
     pub robust: bool,
     /// Method for consistent parameters.
     pub consistency: Consistency,
-    /// Whether they are those of one correction of the free estimate, even where they leave more than the machine before.
-    pub is_corrected_once: bool,
+    /// Whether they may be next to the consistent minimum, even where they leave more than the machine before.
+    pub is_approximate: bool,
     /// Regularisation values p_reg (eqs. 10–11); `None`: those of the model itself.
     pub prior: Option<&'a Model>,
     /// γ: prior information, per own size of a parameter squared; `None`: [`super::estimator::PRIOR_INFORMATION`].
@@ -151,7 +151,7 @@ pub fn fit_with(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options
     }
     let estimated = regression.estimated(&solution.model);
     let possible = regression.possible(&estimated, &solution.estimator.curvature());
-    let (solution, possible, settled) = regression.settled(solution, possible, options.is_corrected_once)?;
+    let (solution, possible, settled) = regression.settled(solution, possible, options.is_approximate)?;
     let normal = &solution.normal;
     let estimated = regression.estimated(&solution.model);
     let covariance = solution.estimator.covariance(normal, regression.white);

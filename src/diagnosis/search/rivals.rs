@@ -20,6 +20,10 @@ const FITTED: usize = 2;
 const LESSER: usize = 5;
 const OF_SEVERAL: usize = 3;
 
+/// Share of the error that is most of it, and share of the promise of such an effect below which a rival is not fitted.
+const MOST: f64 = 0.5;
+const HOPELESS: f64 = 0.25;
+
 /// A rival, fitted in place of a named effect.
 enum Fitted {
     /// Not confirmed, or with larger losses than the named effect.
@@ -38,8 +42,8 @@ impl Search<'_> {
     ) -> Result<Standing, DiagnosisError> {
         let mut known: Vec<(usize, Vec<(usize, bool)>)> = Vec::new();
         for i in 0..standing.outcome.findings.len() {
-            // Rivals fitted, and whether they are as good.
-            let mut fitted: Vec<(usize, bool)> = Vec::new();
+            // Rivals judged, and whether they are as good.
+            let mut fitted = self.hopeless(&standing);
             for rival in self.rivals(&standing, i) {
                 if self.judge.fitting.is_late() {
                     break;
@@ -145,7 +149,22 @@ impl Search<'_> {
         let is = |a: &Assessment, c: &Chosen| a.candidate == c.candidate;
         let open = open.filter(|c| *c != finding.chosen && !linearised.iter().any(|a| is(a, c))).take(FITTED);
         let lesser = finding.ranking.lesser();
-        open.chain(others(lesser, finding).take(LESSER)).collect()
+        let hopeless = self.hopeless(standing);
+        let lesser = others(lesser, finding).filter(|c| !hopeless.contains(&(c.candidate, false)));
+        open.chain(lesser.take(LESSER)).collect()
+    }
+
+    /// Rivals of the only effect of `standing` that promise hardly anything in the problem as stated, next to one that promises
+    /// and explains most of the error: none is as good.
+    fn hopeless(&self, standing: &Standing) -> Vec<(usize, bool)> {
+        let ([finding], Some(all)) = (&standing.outcome.findings[..], self.all.as_ref()) else { return Vec::new() };
+        let promised = |candidate: usize| all.of(candidate).and_then(|a| a.explained_share).unwrap_or(1.0);
+        let own = promised(finding.chosen.candidate);
+        if own < MOST || self.left(&standing.end) > (1.0 - MOST) * self.left(&self.start) {
+            return Vec::new();
+        }
+        let rivals = others(finding.ranking.confidence_set(), finding).map(|c| c.candidate);
+        rivals.filter(|rival| promised(*rival) < HOPELESS * own).map(|rival| (rival, false)).collect()
     }
 }
 

@@ -1,9 +1,10 @@
 //! Consistent parameters where the linearisation at the free estimate does not reach them.
 //!
 //! The correction of a free estimate takes the cost for quadratic between both. Where parameters multiply each other, as the
-//! factor of a torque sensor and the inertias that the drive moves, a free estimate may lie so far outside the possible that
-//! its correction costs more than the machine that the fit began with. Then sequential quadratic programming [Nocedal 2006,
-//! ch. 18] begins at that machine: steps to the consistent minimum of the cost linearised there.
+//! factor of a torque sensor and the inertias that the drive moves, or a shape enters nonlinearly, as the fixed end of a spring,
+//! the corrected machine may cost much more than that promises. Then sequential quadratic programming [Nocedal 2006, ch. 18]
+//! goes on from there, or from the machine that the fit began with if that costs less: steps to the consistent minimum of the
+//! cost linearised there.
 
 use std::sync::Arc;
 
@@ -18,8 +19,10 @@ use crate::identification::consistency::complete;
 use crate::identification::normal_equations::UNIT_WEIGHTS;
 use crate::model::Model;
 
-/// Ratio of what a correction adds to the cost to what it promises, from which it is compared with the machine before.
+/// Ratio of what a correction adds to the cost to what it promises, up to which it is taken.
 const BROKEN_PROMISE: f64 = 2.0;
+/// Most steps to an approximate minimum.
+const FEW_STEPS: usize = 3;
 
 /// A machine with consistent parameters and its residuals.
 pub(super) struct Feasible {
@@ -28,8 +31,9 @@ pub(super) struct Feasible {
 }
 
 impl Regression<'_> {
-    /// The solution with its consistent values and the machine that has them. Where that machine leaves more than the one before
-    /// the fit, unless it `is_corrected_once`, all are those of a consistent minimum of the cost, `solution` linearised next to it.
+    /// The solution with its consistent values and the machine that has them. Where that machine leaves more than the correction
+    /// promises, all are those of a consistent minimum of the cost, `solution` linearised next to it. An approximate one is the
+    /// first in few steps from the corrected machine that keeps the promise, and may leave more than the machine before the fit.
     ///
     /// # Errors
     /// [`FitError`] if the machine cannot be assembled along the recordings, or normal equations are not finite.
@@ -37,7 +41,7 @@ impl Regression<'_> {
         &self,
         solution: Solution,
         possible: Possible,
-        is_corrected_once: bool,
+        is_approximate: bool,
     ) -> Result<(Solution, Possible, Feasible), FitError> {
         let (model, stayed) = self.with(&solution.model, &possible, &possible.values);
         let Some(correction) = possible.correction else {
@@ -49,51 +53,58 @@ impl Regression<'_> {
         let free = self.cost(&solution.normal.residuals, &self.values(&solution.model), UNIT_WEIGHTS);
         let promised = BROKEN_PROMISE * correction.cost + self.scale(free);
         let is_linear = !is_nonlinear(&corrected.model);
-        if is_corrected_once || is_linear || self.cost_of(&corrected) - free < promised {
+        if is_linear || self.cost_of(&corrected) - free < promised {
             return Ok((solution, possible, corrected));
         }
-        let before = self.feasible(&solution.model, &possible, &possible.before);
-        let Some(mut here) = before.filter(|before| self.cost_of(before) < self.cost_of(&corrected)) else {
-            return Ok((solution, possible, corrected));
+        let before = if is_approximate { None } else { self.feasible(&solution.model, &possible, &possible.before) };
+        let before = before.filter(|before| self.cost_of(before) < self.cost_of(&corrected));
+        let (mut here, mut x) = match before {
+            Some(before) => (before, possible.before.clone()),
+            None => (corrected, possible.values.clone()),
         };
-        let mut x = possible.before.clone();
         let started = Correction { cost: (self.cost_of(&here) - free).max(0.0), ..correction };
         let mut last = (solution, Possible { values: x.clone(), correction: Some(started), ..possible });
-        for _ in 0..MAX_ITERATIONS {
+        let mut damping = 0;
+        let most = if is_approximate { FEW_STEPS } else { MAX_ITERATIONS };
+        for _ in 0..most {
             let linearised = self.linearised(here.model.clone(), UNIT_WEIGHTS)?;
-            let Some((next, towards, free)) = self.feasible_step(&here, &x, &linearised) else { break };
+            let Some((place, next, towards, around)) = self.feasible_step(&here, &x, &linearised, damping) else {
+                break;
+            };
             let change = self.cost_of(&here) - self.cost_of(&next);
+            damping = place.saturating_sub(1);
             (here, x) = (next, towards.values.clone());
-            last = (free, towards);
-            if change < PROGRESS * self.scale(self.cost_of(&here)) || (self.stop)() {
+            last = (around, towards);
+            let is_kept = is_approximate && self.cost_of(&here) - free < promised;
+            if is_kept || change < PROGRESS * self.scale(self.cost_of(&here)) || (self.stop)() {
                 break;
             }
         }
         Ok((last.0, last.1, here))
     }
 
-    /// A consistent machine of less cost than `here`, which has the values `x`; the values, and the free minimum of the cost
-    /// linearised `here`.
+    /// The first trial from `first` on that leads to a consistent machine of less cost than `here`, which has the values `x`: its
+    /// place, the machine, its values, and the free minimum of the cost linearised `here`.
     fn feasible_step(
         &self,
         here: &Feasible,
         x: &DVector<f64>,
         linearised: &Solution,
-    ) -> Option<(Feasible, Possible, Solution)> {
+        first: usize,
+    ) -> Option<(usize, Feasible, Possible, Solution)> {
         let values = x.rows(0, self.free.len()).into_owned();
-        TRIALS.iter().find_map(|(damping, length)| {
-            let damped = linearised.estimator.damped(*damping);
-            let estimator = damped.as_ref().unwrap_or(&linearised.estimator);
+        (first..TRIALS.len()).find_map(|place| {
+            let estimator = &self.damped(place, &linearised.estimator)?;
             let step = self.step(&linearised.normal, estimator, &values);
             let mut centre = here.model.clone();
             self.set(&mut centre, &(&values + &step));
             let mut towards = self.possible(&self.estimated(&centre), &estimator.curvature());
-            towards.values = x + (&towards.values - x) * *length;
+            towards.values = x + (&towards.values - x) * TRIALS[place].length;
             let next = self.feasible(&here.model, &towards, &towards.values)?;
             (self.cost_of(&next) < self.cost_of(here)).then(|| {
                 let mut normal = linearised.normal.clone();
                 normal.advance(&step);
-                (next, towards, Solution { model: centre, normal, estimator: linearised.estimator.clone() })
+                (place, next, towards, Solution { model: centre, normal, estimator: linearised.estimator.clone() })
             })
         })
     }

@@ -17,10 +17,21 @@ pub(super) const MAX_ITERATIONS: usize = 8;
 /// Decrease of the cost that counts as progress, in units of the mean cost of a residual if that exceeds the noise's:
 /// moving a parameter by its standard error changes the cost by about one such unit.
 pub(super) const PROGRESS: f64 = 0.01;
-/// Successive trials of a step: shares of the curvature along each parameter by which it is damped, and of its length. The
-/// first damping keeps what the data hardly determine, such as all torques of a drive with the factor of its sensor.
-pub(super) const TRIALS: [(f64, f64); 6] =
-    [(0.0, 1.0), (1e-5, 1.0), (1e-5, 0.25), (1e-5, 0.0625), (1e-5, 0.0156), (1e-5, 0.0039)];
+/// Damping that keeps what the data hardly determine, such as all torques of a drive with the factor of its sensor.
+const SLIGHT: f64 = 1e-5;
+/// Successive trials of a step.
+pub(super) const TRIALS: [Trial; 10] = [
+    Trial { all: 0.0, shapes: 0.0, length: 1.0 },
+    Trial { all: SLIGHT, shapes: 0.0, length: 1.0 },
+    Trial { all: SLIGHT, shapes: 0.01, length: 1.0 },
+    Trial { all: SLIGHT, shapes: 0.1, length: 1.0 },
+    Trial { all: SLIGHT, shapes: 1.0, length: 1.0 },
+    Trial { all: SLIGHT, shapes: 10.0, length: 1.0 },
+    Trial { all: SLIGHT, shapes: 10.0, length: 0.25 },
+    Trial { all: SLIGHT, shapes: 10.0, length: 0.0625 },
+    Trial { all: SLIGHT, shapes: 10.0, length: 0.0156 },
+    Trial { all: SLIGHT, shapes: 10.0, length: 0.0039 },
+];
 /// Number of rounds of reweighting.
 const ROUNDS: usize = 4;
 /// Residual, in robust standard deviations, above which it is downweighted: 95 % efficiency for normal noise
@@ -34,6 +45,17 @@ pub(super) struct Solution {
     pub model: Model,
     pub normal: NormalEquations,
     pub estimator: Estimator,
+}
+
+/// How a step is damped and shortened.
+pub(super) struct Trial {
+    /// Share of the curvature along each parameter by which it is damped.
+    all: f64,
+    /// Share of the curvature along each shape parameter, the others following it, by which the shape is damped in addition.
+    /// Linear parameters stay free: along a curved valley the shapes take short steps, and the others go with them.
+    shapes: f64,
+    /// Share of its length.
+    pub length: f64,
 }
 
 /// Parameters with their residuals and their cost.
@@ -96,12 +118,13 @@ impl Regression<'_> {
                 break;
             }
             let next = self.search(&here, &solution, weight, damping, iteration > 0);
-            if !next.as_ref().map_or(&here, |(next, _)| next).cost.is_finite() {
+            if !next.as_ref().map_or(&here, |(next, ..)| next).cost.is_finite() {
                 return Err(FitError::NotFinite);
             }
-            let Some((next, damped)) = next else { break };
-            // The undamped step is tried again after a damped one that was not shortened at once.
-            damping = usize::from(damped > damping);
+            let Some((next, damped, around)) = next else { break };
+            // Less damping is tried next, and after a shortened step hardly any.
+            damping =
+                if TRIALS[damped].length == 1.0 { damped.saturating_sub(1) } else { usize::from(damped > damping) };
             let (step, change) = (&next.values - &here.values, here.cost - next.cost);
             let is_accurate = damped == 0 && !self.is_blind(&solution, &here.values);
             let promised = solution.normal.score.dot(&step) - 0.5 * step.dot(&(&solution.normal.information * &step))
@@ -114,8 +137,10 @@ impl Regression<'_> {
                 solution.normal.advance(&step);
                 break;
             }
-            solution = self.linearised(here.model.clone(), weight)?;
-            here.residuals = Arc::clone(&solution.normal.residuals);
+            solution = match around {
+                Some(around) => around,
+                None => self.linearised(here.model.clone(), weight)?,
+            };
             if change < progress.max(1e-12 * here.cost) {
                 break;
             }
@@ -130,6 +155,19 @@ impl Regression<'_> {
         let residuals = Arc::clone(&solution.normal.residuals);
         let cost = self.cost(&residuals, &values, weight);
         Point { model: solution.model.clone(), values, residuals, cost }
+    }
+
+    /// The estimator for a trial; `None` if it equals the one for the trial before, as without shape parameters.
+    pub fn damped(&self, place: usize, estimator: &Estimator) -> Option<Estimator> {
+        let Trial { all, shapes, length } = TRIALS[place];
+        let own: Vec<usize> = self.shapes().collect();
+        let is_repeated = own.is_empty() && shapes > 0.0 && length == 1.0;
+        (!is_repeated).then(|| estimator.damped(all, shapes, &own).unwrap_or_else(|| estimator.clone()))
+    }
+
+    /// Indices of the shape parameters.
+    fn shapes(&self) -> impl Iterator<Item = usize> {
+        (0..self.free.len()).filter(|&i| self.parameters[i].role == Role::Shape)
     }
 
     /// Step of least linearised cost from `values` in which shape parameters change as [`Self::permitted`].
@@ -162,8 +200,8 @@ impl Regression<'_> {
         of(Role::Shape).any(|i| solution.normal.information[(i, i)] == 0.0 && is_absent(i))
     }
 
-    /// First of the [`TRIALS`] from `first` on whose cost is not larger, and its number; `None` without any, or if `may_stop`
-    /// and the fit is stopped.
+    /// First of the [`TRIALS`] from `first` on whose cost is not larger, and its place, or where linear parameters have to follow
+    /// the shapes for that, the linearisation next to it; `None` without any, or if `may_stop` and the fit is stopped.
     fn search(
         &self,
         from: &Point,
@@ -171,18 +209,18 @@ impl Regression<'_> {
         weight: Weight,
         first: usize,
         may_stop: bool,
-    ) -> Option<(Point, usize)> {
-        for (place, (damping, length)) in TRIALS.iter().enumerate().skip(first) {
-            let damped = solution.estimator.damped(*damping);
-            let step = self.step(&solution.normal, damped.as_ref().unwrap_or(&solution.estimator), &from.values);
-            let mut model = from.model.clone();
-            let values = &from.values + step * *length;
-            self.set(&mut model, &values);
+    ) -> Option<(Point, usize, Option<Solution>)> {
+        for (place, trial) in TRIALS.iter().enumerate().skip(first) {
+            let Some(damped) = self.damped(place, &solution.estimator) else { continue };
+            let step = self.step(&solution.normal, &damped, &from.values) * trial.length;
             // Trials need no columns. A step to a machine that cannot be assembled is too long.
-            if let Ok(residuals) = self.residuals(&model) {
-                let cost = self.cost(&residuals, &values, weight);
-                if cost <= from.cost {
-                    return Some((Point { model, values, residuals: Arc::new(residuals), cost }, place));
+            if let Some(next) = self.moved(&from.model, &from.values + step, weight) {
+                if next.cost <= from.cost {
+                    return Some((next, place, None));
+                }
+                let followed = if trial.length == 1.0 { self.followed(&next, weight) } else { None };
+                if let Some((next, around)) = followed.filter(|(next, _)| next.cost <= from.cost) {
+                    return Some((next, place, Some(around)));
                 }
             }
             if may_stop && (self.stop)() {
@@ -190,6 +228,28 @@ impl Regression<'_> {
             }
         }
         None
+    }
+
+    /// `model` with other values of its parameters; `None` if it cannot be assembled along the recordings.
+    fn moved(&self, model: &Model, values: DVector<f64>, weight: Weight) -> Option<Point> {
+        let mut model = model.clone();
+        self.set(&mut model, &values);
+        let residuals = Arc::new(self.residuals(&model).ok()?);
+        let cost = self.cost(&residuals, &values, weight);
+        Some(Point { model, values, residuals, cost })
+    }
+
+    /// `point` with the linear parameters of least cost at its shapes (variable projection [Golub 1973]), and the linearisation next
+    /// to it; `None` with a single shape, which follows the others.
+    fn followed(&self, point: &Point, weight: Weight) -> Option<(Point, Solution)> {
+        let held: Vec<(usize, f64)> = self.shapes().map(|i| (i, 0.0)).collect();
+        if held.len() < 2 {
+            return None;
+        }
+        let mut around = self.linearised(point.model.clone(), weight).ok()?;
+        let step = around.estimator.step(&around.normal, &(&point.values - &self.prior), &held);
+        around.normal.advance(&step);
+        Some((self.moved(&point.model, &point.values + step, weight)?, around))
     }
 
     /// The part of the change `by` of parameter `i` that one step may make: a shape parameter changes by at most half its
