@@ -39,8 +39,8 @@ impl Estimator {
     }
 
     /// The estimator with the share `all` of the curvature along each parameter in addition, and along each of `some` parameters
-    /// the share `more` of the curvature that is left while the parameters not among them follow; `None` without any, or if the sum is not
-    /// positive definite.
+    /// the share `more` of the curvature that is left while those not among them follow; `None` without any, or if the sum is
+    /// not positive definite.
     pub fn damped(&self, all: f64, more: f64, some: &[usize]) -> Option<Self> {
         if all == 0.0 && more == 0.0 {
             return None;
@@ -152,4 +152,31 @@ fn freed(m: DMatrix<f64>, s: &DVector<f64>) -> DVector<f64> {
         *x /= (1.0 - lambda.clamp(0.0, LARGEST)).sqrt();
     }
     eigen.eigenvectors * along
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{dmatrix, dvector};
+
+    use super::*;
+
+    /// Curvature [[4, 2], [2, 3]]: 3 − 2·2/4 = 2 is left along the second parameter while the first follows.
+    #[test]
+    fn damping_of_one_parameter_leaves_the_others_free() {
+        let normal = NormalEquations {
+            blocks: Vec::new(),
+            information: dmatrix![4.0, 2.0; 2.0, 3.0],
+            score: dvector![8.0, 8.0],
+            residuals: Default::default(),
+            rows: Vec::new(),
+            stride: 1,
+        };
+        let at = dvector![0.0, 0.0];
+        let estimator = Estimator::new(&normal, &dvector![1.0, 1.0], &dvector![0.0, 0.0]).unwrap();
+        // Undamped [[4, 2], [2, 3]]·s = (8, 8), damped [[4, 2], [2, 3 + 3·2]]·s.
+        approx::assert_relative_eq!(estimator.step(&normal, &at, &[]), dvector![1.0, 2.0], epsilon = 1e-12);
+        let damped = estimator.damped(0.0, 3.0, &[1]).unwrap();
+        approx::assert_relative_eq!(damped.step(&normal, &at, &[]), dvector![1.75, 0.5], epsilon = 1e-12);
+        assert!(estimator.damped(0.0, 0.0, &[1]).is_none());
+    }
 }

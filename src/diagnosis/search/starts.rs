@@ -1,12 +1,13 @@
 //! Fits of effects that are made again: where they have diverged, and from another start of an effect where a shape ends at a
-//! limit of its law.
+//! limit of its law or beyond zero.
 //!
 //! The error has several minima over a shape that enters nonlinearly, and a start that the linear problem prefers may lead to
-//! a wrong one. There a shape often ends at a limit: a spring that seems to have no free length pulls from the wrong side.
+//! a wrong one. There a shape often ends at a limit, or beyond zero: a spring that seems to have less than no free length pulls from
+//! the wrong side, if it is not preloaded.
 
 use super::models::{begin_at, with_effects, without_effects};
 use crate::diagnosis::judge::{Judge, Judged, relative_energy};
-use crate::effects::{ActiveEffect, Role};
+use crate::effects::{ActiveEffect, Count, Role};
 use crate::evidence::{self, Chosen, Problem, Settings};
 use crate::identification::fit::FitError;
 use crate::model::Model;
@@ -16,7 +17,7 @@ const AT_LIMIT: f64 = 1e-3;
 
 /// The fit of `begun`, a model with the `chosen` effects of `problem`. A fit that leaves more than the one `without` them has
 /// diverged, and is made again from that one between possible machines. If a shape of an effect ends at a
-/// limit, the fit begins again from the best other start of this effect in `problem`. The fit that leaves less is returned.
+/// limit or beyond zero, the fit begins again from the best other start of this effect in `problem`. The fit that leaves less is returned.
 pub(in crate::diagnosis) fn fit(
     judge: &Judge,
     (problem, candidates): (&Problem, &[Vec<ActiveEffect>]),
@@ -37,11 +38,11 @@ pub(in crate::diagnosis) fn fit(
             first = less(first, again);
         }
     }
-    let at_limit = |c: &&Chosen| {
+    let is_doubtful = |c: &&Chosen| {
         let name = candidates[c.candidate][c.variant].effect.name();
-        first.fit.model.effects.iter().any(|a| a.effect.name() == name && is_at_limit(a))
+        first.fit.model.effects.iter().any(|a| a.effect.name() == name && ends_oddly(a))
     };
-    let other = chosen.iter().find(at_limit).and_then(|c| other_start(problem, candidates, chosen, *c));
+    let other = chosen.iter().find(is_doubtful).and_then(|c| other_start(problem, candidates, chosen, *c));
     let Some(other) = other else { return Ok(first) };
     let mut model = without_effects(begun, &[other.effect.name()]);
     model.effects.push(other);
@@ -49,11 +50,13 @@ pub(in crate::diagnosis) fn fit(
     Ok(less(first, second))
 }
 
-fn is_at_limit(active: &ActiveEffect) -> bool {
+/// Whether a shape is at a limit of the law, or a single one on the other side of zero than its usual value.
+fn ends_oddly(active: &ActiveEffect) -> bool {
     active.entries().into_iter().zip(&active.values).any(|(entry, value)| {
         let parameter = &entry.parameter;
         let distance = f64::min(value - parameter.range.0, parameter.range.1 - value);
-        parameter.role == Role::Shape && distance < AT_LIMIT * parameter.default.abs()
+        let is_beyond_zero = parameter.count == Count::One && value * parameter.default < 0.0;
+        parameter.role == Role::Shape && (distance < AT_LIMIT * parameter.default.abs() || is_beyond_zero)
     })
 }
 

@@ -33,7 +33,8 @@ pub(super) struct Feasible {
 impl Regression<'_> {
     /// The solution with its consistent values and the machine that has them. Where that machine leaves more than the correction
     /// promises, all are those of a consistent minimum of the cost, `solution` linearised next to it. An approximate one is the
-    /// first in few steps from the corrected machine that keeps the promise, and may leave more than the machine before the fit.
+    /// first in few steps from the corrected machine that keeps the promise, and may leave more than the machine before the fit; with
+    /// fewer than two shapes it is the corrected machine.
     ///
     /// # Errors
     /// [`FitError`] if the machine cannot be assembled along the recordings, or normal equations are not finite.
@@ -52,8 +53,8 @@ impl Regression<'_> {
         let corrected = Feasible { residuals: Arc::new(self.residuals(&model)?), model };
         let free = self.cost(&solution.normal.residuals, &self.values(&solution.model), UNIT_WEIGHTS);
         let promised = BROKEN_PROMISE * correction.cost + self.scale(free);
-        let is_linear = !is_nonlinear(&corrected.model);
-        if is_linear || self.cost_of(&corrected) - free < promised {
+        let is_final = !is_nonlinear(&corrected.model) || is_approximate && !self.has_several_shapes();
+        if is_final || self.cost_of(&corrected) - free < promised {
             return Ok((solution, possible, corrected));
         }
         let before = if is_approximate { None } else { self.feasible(&solution.model, &possible, &possible.before) };

@@ -165,6 +165,11 @@ impl Regression<'_> {
         (!is_repeated).then(|| estimator.damped(all, shapes, &own).unwrap_or_else(|| estimator.clone()))
     }
 
+    /// Whether there are two shape parameters or more.
+    pub fn has_several_shapes(&self) -> bool {
+        self.shapes().nth(1).is_some()
+    }
+
     /// Indices of the shape parameters.
     fn shapes(&self) -> impl Iterator<Item = usize> {
         (0..self.free.len()).filter(|&i| self.parameters[i].role == Role::Shape)
@@ -200,8 +205,8 @@ impl Regression<'_> {
         of(Role::Shape).any(|i| solution.normal.information[(i, i)] == 0.0 && is_absent(i))
     }
 
-    /// First of the [`TRIALS`] from `first` on whose cost is not larger, and its place, or where linear parameters have to follow
-    /// the shapes for that, the linearisation next to it; `None` without any, or if `may_stop` and the fit is stopped.
+    /// First of the [`TRIALS`] from `first` on whose cost is not larger, its place, and the linearisation next to it if linear
+    /// parameters had to follow the shapes for that; `None` without any, or if `may_stop` and the fit is stopped.
     fn search(
         &self,
         from: &Point,
@@ -239,13 +244,13 @@ impl Regression<'_> {
         Some(Point { model, values, residuals, cost })
     }
 
-    /// `point` with the linear parameters of least cost at its shapes (variable projection [Golub 1973]), and the linearisation next
-    /// to it; `None` with a single shape, which follows the others.
+    /// `point` with the linear parameters of least cost at its shapes (variable projection [Golub 1973]), and the linearisation
+    /// next to it; `None` with fewer than two shapes, for which damping is enough.
     fn followed(&self, point: &Point, weight: Weight) -> Option<(Point, Solution)> {
-        let held: Vec<(usize, f64)> = self.shapes().map(|i| (i, 0.0)).collect();
-        if held.len() < 2 {
+        if !self.has_several_shapes() {
             return None;
         }
+        let held: Vec<(usize, f64)> = self.shapes().map(|i| (i, 0.0)).collect();
         let mut around = self.linearised(point.model.clone(), weight).ok()?;
         let step = around.estimator.step(&around.normal, &(&point.values - &self.prior), &held);
         around.normal.advance(&step);
