@@ -180,7 +180,7 @@ fn spring_in(recordings: [Dataset; 2], delivered: &Model) -> [f64; 2] {
 fn a_spring_of_finite_length_is_found_with_its_length() {
     let found = spring_in([7, 8].map(|seed| measured(LAWS[1].1, seed)), &model("irb360-6-1600"));
     assert!((found[0] - 60.0).abs() < 2.0 && (found[1] - 0.9).abs() < 0.01, "{found:?}");
-    // Preloaded, it is one of less than no length.
+    // With a preload of 8 N, a free length below zero.
     let found = spring_in([7, 8].map(|seed| measured(LAWS[3].1, seed)), &model("irb360-6-1600"));
     assert!((found[0] - 48.0).abs() < 2.0 && (found[1] + 8.0 / 48.0).abs() < 0.02, "{found:?}");
 }

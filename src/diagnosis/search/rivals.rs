@@ -43,7 +43,7 @@ impl Search<'_> {
         let mut known: Vec<(usize, Vec<(usize, bool)>)> = Vec::new();
         for i in 0..standing.outcome.findings.len() {
             // Rivals judged, and whether they are as good.
-            let mut fitted = self.hopeless(&standing);
+            let mut fitted: Vec<_> = self.hopeless(&standing).into_iter().map(|rival| (rival, false)).collect();
             for rival in self.rivals(&standing, i) {
                 if self.judge.fitting.is_late() {
                     break;
@@ -150,13 +150,13 @@ impl Search<'_> {
         let open = open.filter(|c| *c != finding.chosen && !linearised.iter().any(|a| is(a, c))).take(FITTED);
         let lesser = finding.ranking.lesser();
         let hopeless = self.hopeless(standing);
-        let lesser = others(lesser, finding).filter(|c| !hopeless.contains(&(c.candidate, false)));
+        let lesser = others(lesser, finding).filter(|c| !hopeless.contains(&c.candidate));
         open.chain(lesser.take(LESSER)).collect()
     }
 
     /// Rivals of the only effect of `standing` that promise hardly anything in the problem as stated, next to one that promises
     /// and explains most of the error: none is as good.
-    fn hopeless(&self, standing: &Standing) -> Vec<(usize, bool)> {
+    fn hopeless(&self, standing: &Standing) -> Vec<usize> {
         let ([finding], Some(all)) = (&standing.outcome.findings[..], self.all.as_ref()) else { return Vec::new() };
         let promised = |candidate: usize| all.of(candidate).and_then(|a| a.explained_share).unwrap_or(1.0);
         let own = promised(finding.chosen.candidate);
@@ -164,7 +164,7 @@ impl Search<'_> {
             return Vec::new();
         }
         let rivals = others(finding.ranking.confidence_set(), finding).map(|c| c.candidate);
-        rivals.filter(|rival| promised(*rival) < HOPELESS * own).map(|rival| (rival, false)).collect()
+        rivals.filter(|rival| promised(*rival) < HOPELESS * own).collect()
     }
 }
 

@@ -31,10 +31,10 @@ pub(super) struct Feasible {
 }
 
 impl Regression<'_> {
-    /// The solution with its consistent values and the machine that has them. Where that machine leaves more than the correction
-    /// promises, all are those of a consistent minimum of the cost, `solution` linearised next to it. An approximate one is the
-    /// first in few steps from the corrected machine that keeps the promise, and may leave more than the machine before the fit; with
-    /// fewer than two shapes it is the corrected machine.
+    /// The solution, its consistent values, and the machine that has them. Where the corrected machine leaves more than the
+    /// correction promises, steps to the consistent minimum of the cost follow, and `solution` is linearised next to the last one.
+    /// For an approximate minimum, few steps begin at the corrected machine and end at the first that keeps the promise; it may
+    /// leave more than the machine before the fit. With fewer than two shapes it is the corrected machine.
     ///
     /// # Errors
     /// [`FitError`] if the machine cannot be assembled along the recordings, or normal equations are not finite.
